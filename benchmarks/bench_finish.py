@@ -26,6 +26,7 @@ from valerie.db.models import Base, Evaluation, Frame, Run, Variant
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.work.finish import write_results
 from valerie.runs.document.run_spec import RunSpec
+from valerie.storage.keys import run_key
 
 #: Variants that are really made, and rows of each: two cameras, two persons.
 MADE = 1_000
@@ -73,7 +74,7 @@ def main() -> None:
             run = runs.get(connection, run_id)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         started = time.process_time()
-        write_results(context, run, [])
+        write_results(context, run, [], lambda name, data: context.store.put(run_key(run_id, name), data, replace=True))
         figures = {
             "evaluations": 2 * MADE * times,
             "rows": ROWS_EACH * MADE * times,

@@ -17,9 +17,11 @@ from valerie.db import processes
 from valerie.db.engine import reading, writing
 from valerie.db.models import Frame, Lease, Product, Run
 from valerie.db.runs import RunRow
+from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import feeding, lifecycle
-from valerie.pipeline.work.finish import finish_run
+from valerie.pipeline.work.finish import Keep, finish_run
 from valerie.runs.products.states import ProductState, RunState
+from valerie.storage.keys import run_key
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
@@ -72,7 +74,8 @@ def test_a_process_that_wakes_after_its_successor_finished_does_not_end_the_run_
     pipeline, run = finishing
     successor = replace(pipeline.context, owner="successor")
 
-    def write(*_: object) -> None:
+    def write(_context: Context, _run: RunRow, _failures: object, keep: Keep) -> None:
+        keep("environment.json", b"before")
         # This process slept longer than its lease.
         with writing(pipeline.context.engine) as connection:
             connection.execute(update(Lease).where(Lease.name.like("finish.%")).values(until=1.0))
@@ -82,8 +85,10 @@ def test_a_process_that_wakes_after_its_successor_finished_does_not_end_the_run_
             processes.hold_lease(connection, f"finish.{run}", owner="third", now=2.0, seconds=60.0)
             # Someone tries the run's failed products again, and they are done.
             connection.execute(update(Run).values(state=RunState.FINISHING))
+        keep("environment.json", b"stale")
 
-    finish_run(pipeline.context, run, write=write)
+    assert not finish_run(pipeline.context, run, write=write)
+    assert pipeline.context.store.get(run_key(run, "environment.json")) == b"before"
     assert pipeline.state(run) == RunState.FINISHING, "the third process ends it"
 
 

@@ -26,10 +26,9 @@ from valerie.errors import Conflict, TransientError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.loop import ControlLoop
-from valerie.pipeline.work.finish import finish_run
+from valerie.pipeline.work.finish import Keep, finish_run
 from valerie.pipeline.work.stages import serve_queue
 from valerie.runs.products.states import EVAL_QUEUE
-from valerie.storage.keys import run_key
 
 LEASE = 10.0
 MAX_ATTEMPTS = 4
@@ -244,8 +243,8 @@ class Simulation:
 
         return [offer["route"] for (offers,) in pins for offer in orjson.loads(offers)]
 
-    def _write(self, context: Context, run: RunRow, failures: list[FailedLink]) -> None:
-        context.store.put(run_key(run.id, "table"), b"results", replace=True)
+    def _write(self, context: Context, run: RunRow, failures: Sequence[FailedLink], keep: Keep) -> None:
+        keep("table", b"results")
 
     # -- faults ----------------------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from typing import Final
 
 import orjson
 import structlog
+from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
@@ -32,21 +33,27 @@ log = structlog.get_logger()
 
 #: Errors of a disk that is full or cannot be written.
 _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-#: Stores the results of a run and its failures.
-Writer = Callable[[Context, RunRow, Sequence[FailedLink]], None]
+#: Stores a result of the run under a name.
+Keep = Callable[[str, bytes], object]
+#: Makes the results of a run from its failures, and keeps them.
+Writer = Callable[[Context, RunRow, Sequence[FailedLink], Keep], None]
+
+
+class _OvertakenError(Exception):
+    """The lease ended, and another process finishes the run."""
 
 
 def finish_run(context: Context, run_id: str, *, write: Writer | None = None) -> bool:
     """Store table, summary and report of a run whose products are all done or failed, and end it.
 
-    One process at a time finishes a run. If its lease ends before, its successor replaces the artifacts by equal ones, and
-    only the successor ends the run. If they cannot be stored at present, the run pauses; after another transient fault the
-    control loop calls again.
+    One process at a time finishes a run. If its lease ends before, its successor finishes the run, and it keeps nothing more:
+    the successor may know results that it does not know. If they cannot be stored at present, the run pauses; after another
+    transient fault the control loop calls again.
 
     Args:
         context: context of this process.
         run_id: id of a run; nothing happens unless it is finishing.
-        write: stores the results (default: `write_results`).
+        write: makes and keeps the results (default: `write_results`).
 
     Returns:
         False if there was nothing to do, another process does it, or a fault prevented it.
@@ -103,8 +110,18 @@ def _finish(context: Context, run: RunRow, write: Writer) -> bool:
     """Store the results and end the run, or pause it; return False if neither was possible."""
     with reading(context.engine) as connection:
         failures = results.failures(connection, run.id)
+
+    def held(connection: Connection) -> bool:
+        return processes.holds_lease(connection, _role(run.id), owner=context.owner)
+
+    def keep(name: str, data: bytes) -> None:
+        with writing(context.engine) as connection:
+            if not held(connection):
+                raise _OvertakenError
+        context.store.put(run_key(run.id, name), data, replace=True)
+
     try:
-        write(context, run, failures)
+        write(context, run, failures, keep)
         state, reason = RunState.COMPLETED, None
         if failures:
             roots = [failure for failure in failures if isinstance(failure.error, Fault)]
@@ -115,6 +132,9 @@ def _finish(context: Context, run: RunRow, write: Writer) -> bool:
         log.warning("finish.storage", run=run.id, error=str(error))
         pause_for_storage(context, error)
         return True
+    except _OvertakenError:
+        log.warning("finish.lease_lost", run=run.id)
+        return False
     except TransientError as error:
         log.warning("finish.waits", run=run.id, error=str(error))
         return False
@@ -127,7 +147,7 @@ def _finish(context: Context, run: RunRow, write: Writer) -> bool:
         log.exception("finish.failed", run=run.id)
         state, reason = RunState.FAILED, f"the results could not be written: {error}"
     with writing(context.engine) as connection:
-        if not processes.holds_lease(connection, _role(run.id), owner=context.owner):
+        if not held(connection):
             log.warning("finish.lease_lost", run=run.id)
             return False
         runs.change_state(
@@ -142,16 +162,16 @@ def _finish(context: Context, run: RunRow, write: Writer) -> bool:
     return True
 
 
-def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> None:
-    """Write table (Parquet, CSV), summary, report and environment."""
+def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink], keep: Keep) -> None:
+    """Keep table (Parquet, CSV), summary, report and environment."""
     run_results = read_results(context, run, failures)
     for name, write in ((TABLE_PARQUET, run_results.table.to_parquet), (TABLE_CSV, run_results.table.to_csv)):
         buffer = io.BytesIO()
         write(buffer)
-        context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
-    context.store.put(run_key(run.id, SUMMARY), summary_json(run_results.analysis, run_results.verdicts), replace=True)
-    context.store.put(run_key(run.id, REPORT), write_report(context, run_results).encode(), replace=True)
-    context.store.put(run_key(run.id, ENVIRONMENT), environment().model_dump_json().encode(), replace=True)
+        keep(name, buffer.getvalue())
+    keep(SUMMARY, summary_json(run_results.analysis, run_results.verdicts))
+    keep(REPORT, write_report(context, run_results).encode())
+    keep(ENVIRONMENT, environment().model_dump_json().encode())
 
 
 def summary_json(analysis: Analysis, verdicts: Sequence[RequirementVerdict]) -> bytes:
