@@ -99,12 +99,12 @@ class Layer:
 
     def over(self, background: LinearImage, window: Window = WHOLE) -> LinearImage:
         """Return the frame, or the part in a window of it: this layer over its background."""
-        pixels = background.pixels[window]
-        if not self.rectangle.empty:
-            pixels = pixels.copy()
-            shape, inside = background.pixels.shape, self.rectangle.slices
-            (rows, own_rows), (columns, own_columns) = (_met(window[k], shape[k], inside[k]) for k in (0, 1))
-            pixels[rows, columns] = self.pixels[own_rows, own_columns]
+        if self.rectangle.empty:
+            return background if window == WHOLE else LinearImage(background.pixels[window])
+        pixels = background.pixels[window].copy()
+        shape, inside = background.pixels.shape, self.rectangle.slices
+        (rows, own_rows), (columns, own_columns) = (_met(window[k], shape[k], inside[k]) for k in (0, 1))
+        pixels[rows, columns] = self.pixels[own_rows, own_columns]
         return LinearImage(pixels)
 
 
