@@ -34,8 +34,8 @@ def complaint(answer: httpx.Response) -> str:
         return "" if answer.json()["variants"] >= 0 else "a plan without variants"
     if answer.status_code not in (413, 422):
         return f"status {answer.status_code}: {answer.text[:200]}"
-    problem = answer.json()
-    if not problem.get("detail") or len(answer.content) > 20_000 or "Traceback" in answer.text:
+    detail = answer.json().get("detail", "")
+    if not 0 < len(detail) < 20_000 or "Traceback" in answer.text:
         return f"no problem in words: {answer.text[:200]}"
     return ""
 
