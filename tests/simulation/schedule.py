@@ -95,7 +95,7 @@ class Schedule:
         """Kill a process; call this only between two steps."""
         process.alive = False
         for thread in process.threads:
-            if not thread.dead:
+            if thread:  # greenlet: True once it has started and until it ends
                 thread.throw(Killed)
 
     @contextmanager
@@ -128,6 +128,8 @@ class Schedule:
                 what()
             elif not what.dead:
                 process = self._of[what]
+                if not process.alive:  # killed before this thread took its first step
+                    continue
                 if process.frozen_until > self.now:
                     self._push(process.frozen_until, what)
                     continue
