@@ -303,11 +303,14 @@ def test_which_of_two_networks_is_worse_at_dusk_is_answered_with_pictures_four_c
     page.wait_for_selector(".pair .thumbnail:not(.waiting)")
     click("button:text-is('Dusk')")
     page.wait_for_selector(".brush:has-text('Sun elevation')")
-    worse = page.locator("p strong:has-text(' than ')").inner_text().split()[0]
+    worse = page.locator("[aria-label=Rows] p strong").first.inner_text().split()[0]
     page.wait_for_selector(f"[aria-label=Outcome] [aria-pressed=true]:has-text('Only {worse} misses')")
     click(".pair a")
     page.wait_for_selector(".viewer img[src]")
     assert clicks == 4
+    page.go_back()
+    page.wait_for_selector(".pair")
+    page.wait_for_function("() => scrollY > 300")  # where the page was left
     rows = httpx.get(
         f"{url}/v1/explore/rows",
         params={"run": run, "where": "sun_elevation_deg < 3", "limit": 1000},

@@ -165,6 +165,7 @@ def test_sensors_and_requirements_are_written_by_the_form_and_read_from_the_text
     page.wait_for_selector("[id='f-sensors.1.name']")
     fill(page, "f-sensors.1.name", "cheap")
     page.select_option("[id='f-sensors.1.auto_exposure']", "false")
+    page.select_option("[id='f-sensors.1.noise']", "none")
     page.click("text=Add a requirement")
     page.wait_for_selector("[id='f-requirements.0.id']")
     fill(page, "f-requirements.0.id", "SYS-214")
@@ -182,7 +183,7 @@ def test_sensors_and_requirements_are_written_by_the_form_and_read_from_the_text
     noise = {"shot": True, "read_electrons": 3, "full_well_electrons": 100_000}
     assert document["sensors"] == [
         {"name": "metering", "auto_exposure": True, "noise": noise, "exposure_ev": -1.5},
-        {"name": "cheap", "auto_exposure": False, "noise": noise},
+        {"name": "cheap", "auto_exposure": False},
     ]
     requirement = {"id": "SYS-214", "statistic": "quantile(iou, 0.05) >= 0.25", "where": "distance_m <= 30"}
     assert document["requirements"] == [{**requirement, "confidence": 0.9}]
@@ -217,6 +218,18 @@ def test_what_the_text_says_of_sensors_and_requirements_is_in_the_form_and_a_pro
     assert [requirement["id"] for requirement in document["requirements"]] == ["R-1"]
     page.select_option("#f-sensors", "usual")
     page.wait_for_function("() => !document.querySelector('#spec').value.includes('sensors')")
+
+
+def test_the_light_is_set_by_one_click_and_a_fixed_exposure_meters_without_the_day(page: Page) -> None:
+    begin(page, f"name: one\nasset: {ASSET}\nsensors: [{{auto_exposure: false}}]\n")
+    page.wait_for_selector("[aria-label=Light] [aria-pressed=true]:text-is('Day')")
+    page.click("[aria-label=Light] button:text-is('Dusk')")
+    page.wait_for_selector("[aria-label=Light] [aria-pressed=true]:text-is('Dusk')")
+    document = yaml.safe_load(page.input_value("#spec"))
+    assert document["constants"] == {"sun-1.elevation": -3}
+    assert "sensors" not in document
+    page.click("[aria-label=Light] button:text-is('Day')")
+    page.wait_for_function("() => document.querySelector('#spec').value.includes('sun-1.elevation: 35')")
 
 
 def test_constraints_are_written_one_to_a_line_and_a_wrong_one_is_named(page: Page) -> None:
@@ -314,6 +327,7 @@ def test_a_cloned_run_has_the_same_spec_and_no_parent(page: Page, api: httpx.Cli
     page.click("a:text-is('finished')")
     page.click("a:text-is('Clone')")
     page.wait_for_selector("button.primary:not([disabled])")
+    page.wait_for_selector(f".note:has-text('run {run_named(api, 'finished')} has this spec already')")
     page.click("text=Submit run")
     page.wait_for_selector("h1:text-is('finished')")
     first, second, *_ = [run for run in api.get("/v1/runs").json()["items"] if run["name"] == "finished"]

@@ -171,6 +171,8 @@ def status(
             run = client.run(run_id)
             progress = follow(system, run_id, display_of(f"{run.name} ({run_id})", run_id, json_lines=json_lines))
             show_result(client, run_id, progress, None, json_lines=json_lines)
+            if not json_lines and exit_code(progress.state) is not Exit.NOT_COMPLETED:
+                say(f"\nReport    {_command_line('report', run_id, data_dir=data_dir, url=url)}")
             raise typer.Exit(exit_code(progress.state))
     with source_of(data_dir, url) as source:
         if run_id is None:

@@ -176,6 +176,13 @@ def of_key(connection: Connection, key: str | None, spec_digest: str) -> str | N
     return run_id
 
 
+def latest_of(connection: Connection, spec_digest: str) -> str | None:
+    """Return the id of the newest run with a spec, if any."""
+    newest = select(Run.id).where(Run.spec_digest == spec_digest).order_by(Run.created_at.desc()).limit(1)
+    found: str | None = connection.scalar(newest)
+    return found
+
+
 def get(connection: Connection, run_id: str) -> RunRow:
     """Return a run.
 

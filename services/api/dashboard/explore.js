@@ -140,7 +140,7 @@ export async function exploreView({ main, parameters, signal }) {
   // Drawing.
   const drawn = new Map();
   signal.addEventListener("abort", () => { scatter.end(); parallel.end(); drawn.forEach((one) => one.end()); main.classList.remove("wide"); });
-  const remember = () => history.replaceState(null, "", `#/explore?${address()}`);
+  const remember = () => history.replaceState(history.state, "", `#/explore?${address()}`);
   let context = null; // what is shown of all rows behind the selection
   const everything = () => {
     const all = new URLSearchParams(base);
@@ -360,7 +360,7 @@ function sortTool({ state, columns, remember }, reload, id) {
   const common = [["pacc", "worst first"], ["-pacc", "best first"], ["", "in order"]];
   const element = h("select", { id, on: { change: () => { state.sort = element.value; remember(); reload(); } } },
     common.map(([value, text]) => h("option", { value }, text)),
-    [...columns.values()].filter((one) => one.name !== "pacc").flatMap((one) => [["", "↑"], ["-", "↓"]].map(([sign, arrow]) => h("option", { value: sign + one.name }, `${titleOf(one)} ${arrow}`))));
+    [...columns.values()].filter((one) => one.name !== "pacc").flatMap((one) => [["", "↑"], ["-", "↓"]].map(([sign, arrow]) => h("option", { value: sign + one.name }, `${labelOf(one)} ${arrow}`))));
   element.value = state.sort;
   return h("label", { class: "inline", for: id }, "Sort", element);
 }

@@ -3,8 +3,9 @@ import { limits, reach } from "./completion.js";
 import { h, put } from "./dom.js";
 import { fieldChange, labelled, problemsAt, read } from "./fields.js";
 import { short } from "./format.js";
+import { LIGHTS, lightTitle } from "./light.js";
 import { requirementFields } from "./requirements.js";
-import { sensorFields } from "./sensors.js";
+import { fixedExposure, sensorFields } from "./sensors.js";
 
 const DESIGNS = ["grid", "sobol", "latin_hypercube", "halton", "random"];
 const DRAWN = new Set(["sobol", "latin_hypercube", "halton", "random"]);
@@ -24,11 +25,12 @@ export function specForm({ change, catalog }) {
   const search = h("input", { type: "search", id: "parameter-search", placeholder: "person-1, sun, rain …", on: { input: () => offer() } });
   const blocks = h("p", { class: "note", hidden: true }, "This spec has several blocks. Its parameters are edited as text.");
   const adding = h("div", { class: "stack adding" }, h("label", { for: "parameter-search" }, "Add a parameter"), search, found);
+  const light = h("div", {});
   const sensors = h("div", { class: "fields" });
   const requirements = h("div", { class: "fields" });
   const element = h("div", { class: "spec-form" },
     h("section", { class: "card" }, h("h2", {}, "Run"), general),
-    h("section", { class: "card" }, h("h2", {}, "Parameters"), blocks, rows, adding),
+    h("section", { class: "card" }, h("div", { class: "head" }, h("h2", {}, "Parameters"), light), blocks, rows, adding),
     h("section", { class: "card" }, h("h2", {}, "Sensors"), sensors),
     h("section", { class: "card" }, h("h2", {}, "Requirements"), requirements));
   let shown = null; // the draft and the asset
@@ -67,6 +69,7 @@ export function specForm({ change, catalog }) {
       put(requirements, [fields.requirements, [...problems]], requirementFields(fields.requirements, catalog.scores, change, problems));
       const entries = draft.several_blocks ? [] : entriesOf(draft, asset);
       used = new Set(entries.map((one) => one.parameter?.path));
+      put(light, [entries, fields.sensors, asset?.digest], draft.several_blocks ? null : lightButtons(fields, asset, entries, change));
       put(rows, [entries, [...problems]], entries.map((one) => parameterRow(one, change, problems)));
       rows.hidden = adding.hidden = draft.several_blocks;
       blocks.hidden = !draft.several_blocks;
@@ -85,6 +88,19 @@ function entriesOf(draft, asset) {
   const varied = draft.vary.map(({ place, document }) => ({ name: document.parameter, place, way: document.distribution, document, parameter: of(document.parameter) }));
   const constants = Object.entries(draft.fields.constants ?? {}).map(([name, value]) => ({ name, place: `constants.${name}`, way: "constant", document: { value }, parameter: of(name) }));
   return [...varied, ...constants];
+}
+
+// Buttons that make the sun's elevation constant, if the asset has one sun. A fixed exposure is black without the day.
+function lightButtons({ sensors }, asset, entries, change) {
+  const suns = (asset?.parameters ?? []).filter((one) => /\bsun\b.*\.elevation$/.test(one.path));
+  if (suns.length !== 1) return null;
+  const [sun] = suns, entry = entries.find((one) => one.parameter === sun);
+  const at = entry?.way === "constant" ? Number.parseFloat(entry.document.value) : entry ? NaN : sun.default;
+  const set = ({ usual, low }) => change([
+    { kind: "parameter", parameter: entry?.name ?? sun.name, constant: usual },
+    ...(low < LIGHTS.Day.low && fixedExposure(sensors) ? [fieldChange("sensors", null)] : [])]);
+  return h("div", { class: "segments", role: "group", "aria-label": "Light" }, Object.entries(LIGHTS).filter(([, { usual }]) => usual >= (sun.minimum ?? usual) && usual <= (sun.maximum ?? usual)).map(([label, range]) =>
+    h("button", { type: "button", title: `${short(sun.name)} ${range.usual}° (${lightTitle(range)})${range.low < LIGHTS.Day.low ? "; the camera meters" : ""}`, "aria-pressed": String(at >= range.low && at < range.high), on: { click: () => set(range) } }, label)));
 }
 
 // A first distribution of a parameter, with the ends of the one before.

@@ -103,7 +103,7 @@ export async function frameView({ main, key, parameters, signal }) {
     if (!offered.includes(SETTINGS.view)) SETTINGS.view = "picture"; // the view of a frame of another run
     const { view } = SETTINGS;
     const parts = new URLSearchParams({ view, opacity: SETTINGS.opacity, ...(SETTINGS.near ? { near: "1" } : {}) });
-    history.replaceState(null, "", `#/frames/${key}?${parts}`);
+    history.replaceState(history.state, "", `#/frames/${key}?${parts}`);
     for (const button of views.children) button.setAttribute("aria-pressed", String(button.dataset.view === view));
     pressed();
     slide.hidden = view === "picture" || view === "all" || WHOLE.has(view);

@@ -37,6 +37,7 @@ function address() {
 async function show() {
   const { path, parameters } = address();
   current?.end.abort();
+  const scrolled = history.state?.scrolled ?? 0;
   const end = new AbortController();
   const route = ROUTES.find(([pattern]) => pattern.test(path));
   const mine = { end };
@@ -57,7 +58,7 @@ async function show() {
     if (current !== mine) return;
     document.title = title ? `${title} · VALERIE` : "VALERIE";
     main.focus({ preventScroll: true });
-    scrollTo(0, 0);
+    scrollTo(0, scrolled);
   } catch (error) {
     if (error.name === "AbortError" || current !== mine) return;
     main.replaceChildren(h("section", { class: "card empty" },
@@ -70,5 +71,8 @@ async function show() {
 forget.hidden = !hasToken();
 forget.addEventListener("click", () => { forgetToken(); location.reload(); });
 addEventListener("hashchange", show);
+// Back and Forward return to where a page was left; the browser's own attempt comes before the page is drawn.
+history.scrollRestoration = "manual";
+addEventListener("scrollend", () => history.replaceState({ scrolled: scrollY }, ""));
 show();
 watch(document.getElementById("lost"));

@@ -1,13 +1,12 @@
 // Rows side by side: two functions or two runs matched by variant, and rows that differ in one parameter alone.
 import { h, put } from "./dom.js";
 import { count, fixed, percent, plural } from "./format.js";
+import { LIGHTS, lightTitle } from "./light.js";
 import { textOf, titleOf } from "./plots.js";
 import { sheet } from "./thumbnails.js";
 
 const OUTCOMES = { broken: "Broken", fixed: "Fixed", "both missed": "Both missed", "both found": "Both found" };
-// Kinds of light by the sun's elevation in degrees: from the lowest sun of the day's model, and to the end of civil twilight.
 const SUN = "sun_elevation_deg";
-const LIGHTS = { Day: [3, 90], Dusk: [-6, 3], Night: [-90, -6] };
 const SHEET = 16;
 
 function pairCards(pairs, rows, caption) {
@@ -76,20 +75,20 @@ function verdict({ difference, low, high, places }, before, after) {
   if (!difference) return h("p", {}, `${before} and ${after} have the same mean pACC, over ${plural(places, "place")}.`);
   const [worse, better, ends] = difference < 0 ? [after, before, [low, high]] : [before, after, [-high, -low]];
   const sure = low !== null && (low > 0 || high < 0);
-  return h("p", {}, h("strong", {}, `${worse} ${sure ? "is worse" : "scores lower"} than ${better}`), `: mean pACC is ${points(difference)} points lower`,
+  return h("p", {}, h("strong", {}, sure ? `${worse} is worse than ${better}` : `${worse} and ${better} cannot be told apart`), `: the mean pACC of ${worse} is ${points(difference)} points lower`,
     low === null ? `, over ${plural(places, "place")}.` : ` (95 % interval of the change ${signed(ends[0])} to ${signed(ends[1])} for places like these), over ${plural(places, "place")}.`,
     low === null ? " There is no interval." : sure ? "" : " The interval contains 0, so the order may be chance.");
 }
 
 // Buttons that select by the kind of light, if the rows have several; they brush the sun's elevation.
 function lightChoice(sun, state, refresh) {
-  const fits = sun?.numeric ? Object.entries(LIGHTS).filter(([, [low, high]]) => sun.low < high && sun.high >= low) : [];
+  const fits = sun?.numeric ? Object.entries(LIGHTS).filter(([, { low, high }]) => sun.low < high && sun.high >= low) : [];
   if (fits.length < 2) return { element: null, draw: () => {} };
   const element = h("div", { class: "segments", role: "group", "aria-label": "Light" });
   const draw = () => {
     const brush = state.brushes.of.get(SUN);
-    const button = (label, range) => h("button", { type: "button", "aria-pressed": String(range ? brush?.low === range[0] && brush?.high === range[1] : !brush),
-      on: { click: () => { state.brushes.set(SUN, range && { low: range[0], high: range[1], closed: false }); refresh(); } } }, label);
+    const button = (label, range) => h("button", { type: "button", title: range && lightTitle(range), "aria-pressed": String(range ? brush?.low === range.low && brush?.high === range.high : !brush),
+      on: { click: () => { state.brushes.set(SUN, range && { low: range.low, high: range.high, closed: false }); refresh(); } } }, label);
     put(element, [brush ?? null], button("Any light", null), fits.map(([label, range]) => button(label, range)));
   };
   return { element, draw };

@@ -352,10 +352,14 @@ export function parallelPlot({ brushed }) {
   let drag = null;
 
   const axisAt = (k, width) => side + (k * (width - 2 * side)) / Math.max(1, data.axes.length - 1);
+  // How far up its axis a bin is. Single values of a number are as far apart as the values.
+  const shareOf = ({ every, levels, column }, bin) => {
+    const bins = every.length - 1, end = 0.5 / bins;
+    return column.numeric && levels.length > 1 ? end + ((levels[bin] - levels[0]) / (levels[bins - 1] - levels[0])) * (1 - 2 * end) : (bin + 0.5) / bins;
+  };
   const placeOf = (axis, bin, height) => {
-    const bins = axis.every.length - 1;
-    if (bin >= bins) return height - foot - band / 2;
-    return height - foot - band - 8 - ((bin + 0.5) / bins) * (height - foot - band - 8 - head);
+    if (bin >= axis.every.length - 1) return height - foot - band / 2;
+    return height - foot - band - 8 - shareOf(axis, bin) * (height - foot - band - 8 - head);
   };
   function flow(context, width, height, links, stroke, strength) {
     context.strokeStyle = stroke;
@@ -399,7 +403,7 @@ export function parallelPlot({ brushed }) {
       const top = placeOf(axis, bins - 1, height), low = placeOf(axis, 0, height);
       const picked = binsOfBrush(axis, drag?.axis === k ? drag.brush : axis.brush);
       if (picked) {
-        const half = bins > 1 ? (low - top) / (bins - 1) / 2 : 8;
+        const half = bins > 1 && !axis.levels.length ? (low - top) / (bins - 1) / 2 : 8;
         context.fillStyle = color(canvas, "--accent");
         context.globalAlpha = 0.25;
         const from = placeOf(axis, picked[1], height) - (picked[1] >= bins ? band / 2 : half);
@@ -435,7 +439,9 @@ export function parallelPlot({ brushed }) {
     const bins = axis.every.length - 1, height = canvas.clientHeight;
     if (y > height - foot - band && axis.every[bins]) return bins;
     const share = (height - foot - band - 8 - y) / (height - foot - band - 8 - head);
-    return Math.max(0, Math.min(bins - 1, Math.floor(share * bins)));
+    if (!axis.levels.length) return Math.max(0, Math.min(bins - 1, Math.floor(share * bins)));
+    const away = axis.levels.map((_, bin) => Math.abs(shareOf(axis, bin) - share));
+    return away.indexOf(Math.min(...away));
   };
   dragging(canvas, ([ax, ay], [, by], ended) => {
     if (!data) return;

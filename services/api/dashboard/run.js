@@ -79,10 +79,11 @@ export async function runView({ main, key, parameters, signal }) {
       h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? [h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore"), run.spec.functions.length > 1 ? h("a", { class: "button", href: `#/explore?runs=${key}&tab=compare&show=rows` }, "Compare functions") : null] : null, resultLinks(run, key),
       may("POST /v1/runs") ? [h("a", { class: "button", href: `#/new?run=${key}` }, "Clone"), h("a", { class: "button", href: `#/new?parent=${key}` }, "Edit and rerun")] : null, offered.map((one) => h("button", { type: "button", class: one.danger ? "danger" : null, on: { click: () => act(one) } }, one.text)));
     put(reason, [progress.reason, state], progress.reason ? h("p", { class: `note ${look(state) === "bad" ? "bad" : "wait"}` }, progress.reason) : null);
-    put(facts, [state, run.started_at, ago(run.created_at), progress.variants],
+    const left = remaining(progress);
+    put(facts, [state, run.started_at, ago(run.created_at), progress.variants, left],
       `Submitted ${ago(run.created_at)}`, run.finished_at && run.started_at ? ` · took ${duration(Math.round((new Date(run.finished_at) - new Date(run.started_at)) / 1000))}` : "",
       ` · ${plural(progress.variants.total, "variant")}`, progress.variants.fed < progress.variants.total ? `, ${count(progress.variants.fed)} in progress` : "",
-      progress.variants.rejected ? `, ${count(progress.variants.rejected)} rejected` : "");
+      progress.variants.rejected ? `, ${count(progress.variants.rejected)} rejected` : "", left && ` · ${left}`);
     facts.title = clock(run.created_at);
     put(stages, [progress.stages, ACTIVE.has(state)], Object.keys(progress.stages).length
       ? Object.entries(progress.stages).map(([name, stage]) => stageRow(name, stage, ACTIVE.has(state)))
@@ -116,12 +117,18 @@ export async function runView({ main, key, parameters, signal }) {
   return run.name;
 }
 
+// Of the stage that ends last, since the others wait for it or it for them.
+function remaining({ state, stages }) {
+  const open = Object.values(stages).filter(({ done, failed, total }) => done + failed < total);
+  if (!ACTIVE.has(state) || !open.length) return "";
+  return open.some((one) => one.eta_s === null) ? "remaining time not known yet" : `about ${duration(Math.max(...open.map((one) => one.eta_s)))} left`;
+}
+
 function stageRow(name, stage, active) {
   const { done, total, failed } = stage;
   const parts = [];
   if (active && stage.running) parts.push(`${count(stage.running)} in progress`);
   if (active && stage.rate_per_s > 0) parts.push(rate(stage.rate_per_s));
-  if (active && done + failed < total) parts.push(stage.eta_s === null ? "remaining time unknown" : `${duration(stage.eta_s)} left`);
   return h("div", { class: "stage" },
     h("h3", {}, STAGES[name] ?? name),
     bar(done, failed, total, `${STAGES[name]}: ${WHAT[name]}`),

@@ -15,7 +15,7 @@ export function scatterSection({ path, parameters, signal }) {
   const panels = h("div", { class: "panels" });
   const legend = h("div", { class: "legend" });
   const note = h("p", { class: "small soft under" });
-  const axis = h("select", { id: "axis", on: { change: () => { column = axis.value; history.replaceState(null, "", `${location.hash.split("?")[0]}?${new URLSearchParams({ x: column })}`); load(); } } });
+  const axis = h("select", { id: "axis", on: { change: () => { column = axis.value; history.replaceState(history.state, "", `${location.hash.split("?")[0]}?${new URLSearchParams({ x: column })}`); load(); } } });
   const element = h("section", { class: "card", hidden: true },
     h("div", { class: "head" }, h("h2", {}, "pACC of every person"), legend, h("label", { class: "inline", for: "axis" }, "pACC over", axis)), panels, note);
   let drawn = [];

@@ -47,7 +47,10 @@ export function summarySection({ verdicts, summary, findings, certainty, searche
     findings.notes.map((sentence) => h("p", { class: "small soft under" }, sentence)));
 }
 
-export const warningNotes = (summary) => summary.warnings.map((sentence) => h("p", { class: "note bad" }, sentence));
+export const warningNotes = (summary) => summary.warnings.map((sentence) => h("p", { class: "note bad" }, h("span", {}, linked(sentence))));
+
+const FRAME = /([\w-]+(?:\.\d+){3})/;
+const linked = (sentence) => sentence.split(FRAME).map((part, k) => (k % 2 ? h("a", { class: "mono", href: `#/frames/${part}` }, part) : part));
 
 // The look of an outcome.
 const OUTCOMES = { met: "good", "not met": "bad", undecided: "wait" };

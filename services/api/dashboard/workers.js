@@ -11,7 +11,7 @@ export async function workersView({ main, parameters, signal }) {
   const [people, queues, space, costs, failures] = Array.from({ length: 5 }, () => h("div", { class: "slot" }));
   let hours = REACH.some(([one]) => String(one) === parameters.get("hours")) ? Number(parameters.get("hours")) : 24;
   const reach = h("div", { class: "segments", role: "group", "aria-label": "How far back" }, REACH.map(([one, text]) =>
-    h("button", { type: "button", "data-hours": one, on: { click: () => { hours = one; history.replaceState(null, "", `#/workers?hours=${one}`); again(); } } }, text)));
+    h("button", { type: "button", "data-hours": one, on: { click: () => { hours = one; history.replaceState(history.state, "", `#/workers?hours=${one}`); again(); } } }, text)));
   let looked = 0;
   const draw = async () => {
     const [workers, routes, work] = await Promise.all([get("/v1/workers", { signal }), get("/v1/queues", { signal }), Date.now() - looked > 10_000 || looked < 0 ? get(`/v1/work?hours=${hours}`, { signal }) : null]);

@@ -11,6 +11,9 @@ from valerie.analysis.rows.frame_counts import frame_counts
 from valerie.analysis.rows.picture_faults import picture_faults
 from valerie.analysis.rows.table import EvaluationTable
 
+_METERS: Final = " Where the exposure is fixed, auto_exposure: true meters it."
+#: Advice on each fault.
+_ADVICE: Final = {"black": _METERS, "white": _METERS, "constant": ""}
 #: Largest number of frames that a warning lists.
 _LISTED: Final = 3
 
@@ -45,4 +48,4 @@ def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
             named = list(dict.fromkeys(frames.names[frames.index[row]] for row in faulty))
             listed, more = named[:_LISTED], ", …" if len(named) > _LISTED else ""
             verb = "is" if len(faulty) == 1 else "are"
-            yield f"{len(faulty):,} of {total:,} pictures {verb} {fault} (frames {', '.join(listed)}{more})."
+            yield f"{len(faulty):,} of {total:,} pictures {verb} {fault} (frames {', '.join(listed)}{more}).{_ADVICE[fault]}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from valerie.db import processes, totals
+from valerie.db import processes, runs, totals
 from valerie.db.engine import database_time, reading
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.training_data import has_seen
@@ -39,9 +39,13 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
         def present(digests: set[str]) -> set[str]:
             return totals.done_digests(connection, digests)
 
+        twin = runs.latest_of(connection, resolved.spec.digest)
         made = plan(resolved, pins=pins, present=present, costs=_costs(resolved, pins, recorded))
     shipped = {name: function_document(name) for name in spec.functions if name in FUNCTIONS}
-    return made.model_copy(update={"warnings": (*made.warnings, *_on_training_sites(spec, shipped | registered))})
+    warnings = (*made.warnings, *_on_training_sites(spec, shipped | registered))
+    if twin is not None:
+        warnings += (f"run {twin} has this spec already, and another one has the same results",)
+    return made.model_copy(update={"warnings": warnings})
 
 
 def _on_training_sites(spec: RunSpec, documents: Mapping[str, FunctionDocument]) -> Iterator[str]:

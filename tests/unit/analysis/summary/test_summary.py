@@ -270,12 +270,13 @@ def test_pictures_without_content_are_counted_once_each_and_stay_in_every_rate()
         for function in ("net", "other")
     ]
     summary = summarize(table_of(*rows, row("uploaded", 5, 5, 0)))
+    advice = " Where the exposure is fixed, auto_exposure: true meters it."
     assert summary.warnings == (
-        "1 of 4 pictures is black (frames dark).",
-        "1 of 4 pictures is white (frames bright).",
+        f"1 of 4 pictures is black (frames dark).{advice}",
+        f"1 of 4 pictures is white (frames bright).{advice}",
         "1 of 4 pictures is constant (frames grey).",
     )
     assert {group.frames for group in summary.rows} == {4, 5}
     many = summarize(table_of(*(row(f"f{i}", 5, 5, 0, picture_mean=0.1, picture_deviation=0.1) for i in range(5))))
-    assert many.warnings == ("5 of 5 pictures are black (frames f0, f1, f2, …).",)
+    assert many.warnings == (f"5 of 5 pictures are black (frames f0, f1, f2, …).{advice}",)
     assert typed(Summary, json.loads(json.dumps(asdict(many)))) == many
