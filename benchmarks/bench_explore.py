@@ -138,6 +138,7 @@ def thumbnails(page: Page, client: httpx.Client, run: str) -> dict[str, float]:
     """Return thumbnails a second in the browser, from sheets painted for the first time and from the server's cache."""
     rows = client.get("/v1/explore/rows", params={"run": run, "limit": 1000}).json()["items"]
     tiles = [f"{row['frame_id']}:{row['instance_id'] or 0}:{row['function']}:{row['sensor']}" for row in rows]
+    client.get("/v1/explore/sheet", params={"tile": tiles[:1], "kind": "picture"}).raise_for_status()  # loads libraries
     sheets = [tiles[k : k + MAX_TILES] for k in range(0, len(tiles) - MAX_TILES + 1, MAX_TILES)]
     rates = {}
     for name, kind in (("first", "errors"), ("again", "errors"), ("first, picture", "picture")):

@@ -11,7 +11,7 @@ from tests.world.street import Street
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.db.measured import SeenPerson
-from valerie.db.products import Finished, Job
+from valerie.db.products import Finished, Job, SharedStatics
 from valerie.labels import PERSON, VOID, to_train_ids
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
@@ -44,13 +44,17 @@ class DrawingMaker:
         view = View(resolved.cameras[job.frame.key.camera], size.width, size.height)
         street = Street(values, view)
         persons: tuple[SeenPerson, ...] = ()
+        part: SharedStatics | None = None
         if job.kind == "background":
             data = codecs.encode_image(street.background())
         elif job.kind == "layer":
             data = codecs.encode_layer(street.layer())
         elif job.kind == "truth":
-            truth = street.truth()
-            data = codecs.encode_truth(truth)
+            truth, statics = street.truth(), street.statics()
+            below = codecs.encode_truth(statics)
+            part = SharedStatics(codecs.statics_digest(statics), len(below), view.width * view.height)
+            self._context.store.put(product_key("statics", part.digest), below)
+            data = codecs.encode_truth_layer(street.truth_layer(), part.digest)
             persons = tuple(_seen_persons(street, truth)) or (NO_PERSON,)
         else:
             assert job.look is not None
@@ -62,7 +66,8 @@ class DrawingMaker:
                 labels[labels == PERSON.train_id] = ROAD
             data = codecs.encode_prediction(labels)
         self._context.store.put(product_key(job.kind, job.digest), data)
-        return Finished(job.digest, len(data), view.width * view.height, CPU_SECONDS[job.kind], person_views=persons)
+        pixels = view.width * view.height
+        return Finished(job.digest, len(data), pixels, CPU_SECONDS[job.kind], person_views=persons, part=part)
 
 
 def predict(truth: GroundTruth, function: int, distance_m: float, *, seed: int) -> NDArray[np.uint8]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.labels import PERSON, instance_id
-from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, View
+from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer, View, bounds
 
 ROAD, SIDEWALK, BUILDING, POLE, VEGETATION, SKY, CAR = 7, 8, 11, 17, 21, 23, 26
 _COLORS = {
@@ -106,12 +106,16 @@ class Street:
         box = Rectangle(int(columns[0]), int(rows[0]), int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1)
         return Layer(box, np.ascontiguousarray(pixels[box.slices]))
 
+    def statics(self) -> GroundTruth:
+        """Classes and depth without persons."""
+        classes = self._classes()
+        depth = np.where(classes == SKY, np.inf, 30.0).astype(np.float32)
+        return GroundTruth(classes, np.zeros(classes.shape, np.uint16), depth, ())
+
     def truth(self) -> GroundTruth:
         """Classes, instances and depth."""
-        classes = self._classes()
-        hidden = self._occluders()
-        instances = np.zeros(classes.shape, np.uint16)
-        depth = np.where(classes == SKY, np.inf, 30.0).astype(np.float32)
+        statics, hidden = self.statics(), self._occluders()
+        classes, instances, depth = statics.class_map.copy(), statics.instance_map.copy(), statics.depth.copy()
         persons = self.persons()
         for person in sorted(persons, key=lambda one: -one.depth_m):
             visible = person.mask & ~hidden
@@ -126,6 +130,15 @@ class Street:
             depth,
             tuple(PersonTruth.of(instance_id(PERSON, p.number), p.mask, p.padded_pixels) for p in persons),
         )
+
+    def truth_layer(self) -> TruthLayer:
+        """The part of the truth that the persons change."""
+        truth = self.truth()
+        changed = truth.instance_map > 0
+        box = bounds(changed)
+        mask = changed[box.slices]
+        values = (one[box.slices][mask] for one in (truth.class_map, truth.instance_map, truth.depth))
+        return TruthLayer(box, mask, *values, truth.persons, changed.shape)
 
     def persons(self) -> list[Person]:
         """All that are present, whether the image shows them or not."""

@@ -159,7 +159,8 @@ class World:
         # Pauses before another attempt are of the clock, however many steps fit into them.
         latest = time.monotonic() + 60.0
         while time.monotonic() < latest:
-            self.step()
+            if self.step():
+                latest = time.monotonic() + 60.0
             state = self.state(run_id)
             if state in (*until, "completed", "completed-with-failures", "cancelled", "failed"):
                 return state
