@@ -128,7 +128,7 @@ def run(
                 study = client.begin_study(text)
         if by_hand and not study.by_hand:
             study = client.set_study_mode(study.id, by_hand=True)
-        say(f"study {study.id}: {client.url}/v1/studies/{study.id}")
+        say(f"study {study.id}: {client.url}/dashboard/#/studies/{study.id}")
         try:
             study = follow_study(system, study.id, quiet=as_json)
         except Stopped:
@@ -163,7 +163,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
     with system_of(settings) as system, own_assets(settings, system.client), context_of(data_dir) as context:
 
         def wait(study_id: str) -> None:
-            say(f"study {study_id}: {system.client.url}/v1/studies/{study_id}")
+            say(f"study {study_id}: {system.client.url}/dashboard/#/studies/{study_id}")
             follow_study(system, study_id, quiet=as_json)
 
         around = Surroundings(wait, folder / "training", watcher=Watcher(say_site, Steps()))

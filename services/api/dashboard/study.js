@@ -87,7 +87,7 @@ function known({ result, batches, finished_at: ended }) {
   const numbers = Object.entries(result.numbers).map(([name, value]) => [heading(name.replaceAll("_", " ")), figure(value)]).filter(([, text]) => text);
   return h("section", { class: "card" }, h("h2", {}, ended ? "Result" : "Result so far"),
     h("div", { class: "stack sentences" }, result.sentences.map((sentence, i) => h("p", {}, i ? sentence : h("strong", {}, sentence)))),
-    numbers.length ? h("dl", { class: "facts under" }, numbers.map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "number" }, text)))) : null,
+    numbers.length ? h("details", { class: "more" }, h("summary", {}, "Numbers"), h("dl", { class: "facts" }, numbers.map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "number" }, text))))) : null,
     h("p", { class: "small soft under" }, `Rests on ${count(result.batches)} of ${plural(batches.length, "batch", "batches")}.`));
 }
 
