@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import partial
 from itertools import groupby
 from typing import Any, Final, NamedTuple
@@ -16,6 +16,7 @@ from valerie.db.links import (
     LIGHT_OF_PERSON,
     VARIANT_OF_FRAME,
     StoredFrame,
+    among_frames,
     frame_order,
     frame_values,
     key_of,
@@ -46,6 +47,13 @@ def get(connection: Connection, key: FrameKey) -> StoredFrame:
     if row is None:
         raise NotFound("frame", key)
     return StoredFrame.of(row)
+
+
+def several(connection: Connection, keys: Collection[FrameKey]) -> dict[FrameKey, StoredFrame]:
+    """Read frames of one run; unknown ones are left out."""
+    query = select(*FRAME_COLUMNS).select_from(Frame).join(Variant, VARIANT_OF_FRAME).where(among_frames(Frame, keys))
+    found = map(StoredFrame.of, connection.execute(query))
+    return {frame.key: frame for frame in found}
 
 
 class ListedFrame(NamedTuple):

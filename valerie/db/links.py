@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, and_, bindparam, select
+from sqlalchemy import ColumnElement, and_, bindparam, select, tuple_
 
 from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Variant
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -48,6 +49,13 @@ def names_frame(table: OfFrames) -> ColumnElement[bool]:
 def frame_values(key: FrameKey) -> dict[str, str | int]:
     """Return the values of the parameters of `names_frame`."""
     return asdict(key)
+
+
+def among_frames(table: OfFrames, keys: Iterable[FrameKey]) -> ColumnElement[bool]:
+    """Return the condition that a row of ``table`` names one of some frames of one run."""
+    keys = list(keys)
+    places = [(key.variant, key.camera, key.time) for key in keys]
+    return and_(table.run_id.in_({key.run_id for key in keys}), tuple_(*frame_order(table)).in_(places))
 
 
 def frame_order(table: OfFrames) -> tuple[Any, Any, Any]:

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from sqlalchemy import Connection, bindparam, select
 from sqlalchemy.orm import aliased
 
-from valerie.db.links import OfFrames, frame_order, frame_values, key_of, names_frame
+from valerie.db.links import OfFrames, among_frames, frame_order, frame_values, key_of, names_frame
 from valerie.db.long_table import COLUMNS
 from valerie.db.measured import FrameScore
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Product, Score
@@ -78,6 +78,42 @@ class FrameEvaluation:
     prediction_state: ProductState
     scores_state: ProductState
     score: FrameScore | None
+
+
+class PredictionLink(NamedTuple):
+    """The prediction of a function for a frame through a sensor.
+
+    Attributes:
+        sensor_index, function_index: indexes in the run's spec.
+        prediction: digest of the prediction.
+        state: its state.
+    """
+
+    sensor_index: int
+    function_index: int
+    prediction: str
+    state: ProductState
+
+
+def prediction_links(connection: Connection, keys: Collection[FrameKey]) -> dict[FrameKey, list[PredictionLink]]:
+    """Read the links of frames of one run to predictions, in the order of sensors and functions."""
+    query = (
+        select(
+            Evaluation.run_id,
+            *frame_order(Evaluation),
+            Evaluation.sensor_index,
+            Evaluation.function_index,
+            Evaluation.prediction,
+            Product.state,
+        )
+        .join(Product, Product.digest == Evaluation.prediction)
+        .where(among_frames(Evaluation, keys))
+        .order_by(Evaluation.sensor_index, Evaluation.function_index)
+    )
+    found: dict[FrameKey, list[PredictionLink]] = {key: [] for key in keys}
+    for row in connection.execute(query):
+        found[key_of(row.run_id, row)].append(PredictionLink(*row[4:]))
+    return found
 
 
 _prediction, _scores = aliased(Product), aliased(Product)

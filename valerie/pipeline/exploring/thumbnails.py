@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from math import ceil, floor
 from queue import LifoQueue
@@ -20,7 +20,7 @@ from valerie.db import measured
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, MissingInput, NotFound
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.reading.frame_pictures import FrameSources, frame_sources
+from valerie.pipeline.reading.frame_pictures import FrameSources, sources_of_frames
 from valerie.pipeline.reading.painting import FramePainter
 from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.base import Window
@@ -105,7 +105,7 @@ class Tiles:
         """
         height = width if crop else width * 9 // 16
         shape = _Shape(PictureKind.parse(kind), crop, width, height)
-        frames: dict[FrameKey, FrameSources] = {}  # of this sheet, since products of a running run come meanwhile
+        frames = self._sources(tiles, shape)  # of this sheet, since products of a running run come meanwhile
         sheet = np.full((ceil(len(tiles) / COLUMNS) * height, min(len(tiles), COLUMNS) * width, 3), _BLANK, np.uint8)
         for k, tile in enumerate(tiles):
             row, column = divmod(k, COLUMNS)
@@ -116,16 +116,26 @@ class Tiles:
         Image.fromarray(sheet).save(buffer, "JPEG", quality=82)
         return buffer.getvalue()
 
+    def _sources(self, tiles: Sequence[Tile], shape: _Shape) -> dict[FrameKey, FrameSources]:
+        """Return what the tiles that are not kept may show; unknown frames are left out."""
+        with self._lock:
+            keys = {tile.frame: None for tile in tiles if (tile, shape) not in self._kept}
+        found: dict[FrameKey, FrameSources] = {}
+        for run_id in {key.run_id for key in keys}:
+            of_run = [key for key in keys if key.run_id == run_id]
+            with suppress(Conflict, NotFound):
+                found |= sources_of_frames(self._context, run_id, of_run, evaluated=shape.kind in FUNCTION_KINDS)
+        return found
+
     def _tile(self, tile: Tile, shape: _Shape, frames: dict[FrameKey, FrameSources]) -> NDArray[np.uint8] | None:
         key = (tile, shape)
         with self._lock:
             if key in self._kept:
                 return self._kept[key]
+        sources = frames.get(tile.frame)
+        if sources is None:
+            return None
         try:
-            if tile.frame not in frames:
-                evaluated = shape.kind in FUNCTION_KINDS
-                frames[tile.frame] = frame_sources(self._context, tile.frame, evaluated=evaluated)
-            sources = frames[tile.frame]
             source = sources.picture(shape.kind, function=tile.function, sensor=tile.sensor)
             size = sources.resolved.spec.resolution
             box = self._box(source.capture.products.truth, tile.instance_id) if shape.crop else None

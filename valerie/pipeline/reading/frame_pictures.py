@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,8 +13,8 @@ from valerie.db import frames, results
 from valerie.db.engine import reading
 from valerie.db.frames import AnnotationLink
 from valerie.db.links import StoredFrame
-from valerie.db.results import FrameEvaluation
-from valerie.errors import Conflict, UnknownName
+from valerie.db.results import PredictionLink
+from valerie.errors import Conflict, NotFound, UnknownName
 from valerie.labels import to_label_ids
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
@@ -65,23 +65,23 @@ class FrameSources:
         frame: the frame.
         states: state of each product, by digest.
         annotations: kind to product.
-        evaluations: of the frame; empty unless asked for.
+        predictions: of the frame; empty unless asked for.
     """
 
     resolved: ResolvedRun
     frame: StoredFrame
     states: Mapping[str, ProductState]
     annotations: Mapping[str, AnnotationLink]
-    evaluations: Sequence[FrameEvaluation]
+    predictions: Sequence[PredictionLink]
 
     def picture(self, kind: PictureKind, *, function: str | None = None, sensor: str | None = None) -> ShownProducts:
         """Find the products that a picture shows; see `find_picture`."""
         place = (sensor_index(sensor, self.resolved), function_index(function, self.resolved))
-        evaluation = next((row for row in self.evaluations if (row.sensor_index, row.function_index) == place), None)
+        link = next((link for link in self.predictions if (link.sensor_index, link.function_index) == place), None)
         capture = capture_of(self.resolved, self.frame, place[0])
         needed = [self.states[product] for product in _needed(kind, capture)]
-        if kind in FUNCTION_KINDS and evaluation is not None:
-            needed.append(evaluation.prediction_state)
+        if kind in FUNCTION_KINDS and link is not None:
+            needed.append(link.state)
         annotation = None
         if kind in ANNOTATION_KINDS:
             if kind not in self.annotations:
@@ -96,7 +96,7 @@ class FrameSources:
         missing = [state for state in needed if state != ProductState.DONE]
         if missing:
             raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
-        return ShownProducts(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
+        return ShownProducts(kind, capture, None if link is None else link.prediction, annotation)
 
 
 def frame_sources(context: Context, key: FrameKey, *, evaluated: bool) -> FrameSources:
@@ -105,19 +105,37 @@ def frame_sources(context: Context, key: FrameKey, *, evaluated: bool) -> FrameS
     Args:
         context: of this process.
         key: the frame.
-        evaluated: True reads its evaluations too, which pictures with a prediction need.
+        evaluated: True reads its predictions too.
 
     Raises:
         NotFound: no such run or frame.
     """
-    resolved = started_run(context, key.run_id).resolved
+    found = sources_of_frames(context, key.run_id, [key], evaluated=evaluated)
+    if key not in found:
+        raise NotFound("frame", key)
+    return found[key]
+
+
+def sources_of_frames(
+    context: Context, run_id: str, keys: Collection[FrameKey], *, evaluated: bool
+) -> dict[FrameKey, FrameSources]:
+    """Read what the pictures of several frames of a run may show; unknown frames are left out.
+
+    Raises:
+        NotFound: no such run.
+    """
+    resolved = started_run(context, run_id).resolved
     with reading(context.engine) as connection:
-        frame = frames.get(connection, key)
-        annotations = frames.annotation_links(connection, key) if resolved.annotations else {}
-        evaluations = results.frame_evaluations(connection, key) if evaluated else []
-        states = results.product_states(connection, frame.products.required)
-    states |= {link.product: link.state for link in annotations.values()}
-    return FrameSources(resolved, frame, states, annotations, evaluations)
+        found = frames.several(connection, keys)
+        annotations = {key: frames.annotation_links(connection, key) if resolved.annotations else {} for key in found}
+        predictions = results.prediction_links(connection, found) if evaluated else {}
+        required = {digest for frame in found.values() for digest in frame.products.required}
+        states = results.product_states(connection, required)
+    states |= {link.product: link.state for links in annotations.values() for link in links.values()}
+    return {
+        key: FrameSources(resolved, frame, states, annotations[key], predictions.get(key, ()))
+        for key, frame in found.items()
+    }
 
 
 def find_picture(

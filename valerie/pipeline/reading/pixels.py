@@ -77,8 +77,8 @@ class Pixels:
                 truth = self._truth(sources.picture(PictureKind.TRUTH, sensor=setting.name).capture)
                 predictions = {
                     spec.functions[row.function_index]: TRAIN_NAMES[int(self._prediction(row.prediction)[y, x])]
-                    for row in sources.evaluations
-                    if row.sensor_index == number and row.prediction_state == ProductState.DONE
+                    for row in sources.predictions
+                    if row.sensor_index == number and row.state == ProductState.DONE
                 }
                 depth = float(truth.depth[y, x])
                 seen.append(
