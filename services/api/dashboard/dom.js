@@ -46,6 +46,9 @@ export function command(text) {
   return h("div", { class: "command" }, h("code", { tabindex: "0" }, text), navigator.clipboard ? button : null);
 }
 
+// Resolves when what was changed is on the screen. Work that can wait for it must not delay it: the server may share the machine.
+export const painted = () => new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve)));
+
 export function toast(text) {
   const one = h("div", { class: "toast" }, text);
   document.getElementById("toasts").append(one);

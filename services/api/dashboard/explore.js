@@ -2,7 +2,7 @@
 import { download, get, getBytes, post, remove } from "./api.js";
 import { readArrow } from "./arrow.js";
 import { confusionPanel } from "./confusion.js";
-import { command, h, put, table, toast } from "./dom.js";
+import { command, h, painted, put, table, toast } from "./dom.js";
 import { ago, count, fixed, percent, plural } from "./format.js";
 import { comparisonPanel, swingsPanel } from "./pairs.js";
 import { colorKey, histogramPlot, labelOf, parallelPlot, scatterPlot, textOf, titleOf } from "./plots.js";
@@ -217,7 +217,7 @@ export async function exploreView({ main, parameters, signal }) {
     const pictured = showRows?.();
     performance.mark("explore-shown"); // benchmarks/bench_explore.py measures by these marks
     pictured?.then(() => performance.mark("explore-pictured"));
-    loadRates();
+    painted().then(loadRates);
   }
 
   const chip = (text, label, removed) => h("span", { class: "brush" }, text, h("button", { type: "button", class: "quiet close", "aria-label": label, on: { click: removed } }, "×"));

@@ -1,6 +1,6 @@
 // A grid of thumbnails; `show` resolves when all are there. Each picture from the server is a sheet of many.
 import { picture } from "./api.js";
-import { h } from "./dom.js";
+import { h, painted } from "./dom.js";
 
 const SHEET = 16, ACROSS = 8, WIDTH = 160;
 
@@ -9,7 +9,7 @@ export const tileOf = (row) => `${row.frame_id}:${row.instance_id ?? 0}:${row.fu
 export function thumbnails() {
   const element = h("div", { class: "thumbnails" });
   let latest = 0;
-  const show = (rows, { kind, crop, further = false, caption }) => {
+  const show = async (rows, { kind, crop, further = false, caption }) => {
     const mine = further ? latest : (latest += 1);
     const cells = rows.map((row) => {
       const [strong, soft] = caption(row);
@@ -18,7 +18,9 @@ export function thumbnails() {
     });
     if (further) element.append(...cells.map((one) => one.link));
     else element.replaceChildren(...(cells.length ? cells.map((one) => one.link) : [h("p", { class: "soft" }, "No row is selected.")]));
-    return Promise.all(Array.from({ length: Math.ceil(cells.length / SHEET) }, (_, k) => sheet(cells.slice(k * SHEET, (k + 1) * SHEET), kind, crop, () => mine === latest)));
+    await painted();
+    if (mine !== latest) return;
+    await Promise.all(Array.from({ length: Math.ceil(cells.length / SHEET) }, (_, k) => sheet(cells.slice(k * SHEET, (k + 1) * SHEET), kind, crop, () => mine === latest)));
   };
   return { element, show };
 }
