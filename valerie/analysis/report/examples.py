@@ -20,7 +20,8 @@ class Example:
     Attributes:
         title: reason for the choice.
         frame_id, sensor, camera, instance_id, character: the person and the frame.
-        measures: the person's value on each axis of the report, if defined; time only where it varies.
+        measures: the person's value on each axis of the report, and the place of the sun, if defined; time only where it
+            varies.
         pacc: per function, 0…1.
     """
 
@@ -78,7 +79,8 @@ def _example(table: EvaluationTable, title: str, rows: NDArray[np.int64]) -> Exa
     people = table.arrow.take(rows).to_pylist()
     person, times = people[0], table.numbers("time_s")
     still = bool(np.all((times == times[0]) | np.isnan(times)))
-    shown = (axis.name for axis in AXES if not (still and axis.name == "time_s"))
+    axes = (axis.name for axis in AXES if not (still and axis.name == "time_s"))
+    shown = (*axes, "sun_elevation_deg", "sun_azimuth_deg")
     return Example(
         title=title,
         frame_id=person["frame_id"],

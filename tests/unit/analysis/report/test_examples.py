@@ -62,3 +62,9 @@ def test_a_person_without_pacc_is_no_example(rows, parameters):
 
 def test_without_defined_persons_there_are_no_examples(parameters):
     assert choose_examples(EvaluationTable.from_rows([], parameters)) == ()
+
+
+def test_examples_name_the_light(rows, parameters):
+    change(rows, "000001-0", pacc=0.99, sun_elevation_deg=-3.0)
+    (best, *_) = choose_examples(EvaluationTable.from_rows(rows, parameters))
+    assert best.measures["sun_elevation_deg"] == -3.0
