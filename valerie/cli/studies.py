@@ -48,18 +48,18 @@ def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: Da
     from valerie.cli.connecting import client_of
     from valerie.client import NextBatch
     from valerie.embedded import running
+    from valerie.runs.study.study_document import parse_study
 
     settings = settings_of(data_dir)
     text = read_spec(file)
+    document = parse_study(text)
     if url is not None or running.find(settings.data_dir) is not None:
         with client_of(settings, url) as client:
             batch = client.plan_study(text)
     else:
         from valerie.local.deployment import deployment_or_empty
         from valerie.pipeline.control.studies.commands import plan_study
-        from valerie.runs.study.study_document import parse_study
 
-        document = parse_study(text)
         with deployment_or_empty(settings) as context:
             first = plan_study(context, document)
         batch = NextBatch(
@@ -73,6 +73,19 @@ def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: Da
             plan=first.plan.model_dump(mode="json"),
         )
     _show_next(batch, as_json=as_json)
+    if not as_json and batch.legal and document.budget.variants is not None:
+        _show_budget(batch, document.budget.variants)
+
+
+def _show_budget(first: NextBatch, variants: int) -> None:
+    """Print the price of a study that spends its variants, from that of its first batch."""
+    from valerie.runs.forecasting.forecast import Plan
+    from valerie.runs.moments import duration
+
+    plan = Plan.model_validate(first.plan)
+    each = (plan.cpu_seconds - plan.start_cpu_seconds) / first.legal
+    whole = duration(plan.start_cpu_seconds + each * variants)
+    typer.echo(f"\nthe budget of {variants:,} variants: about {whole} of CPU time at this price")
 
 
 @app.command()

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from tests.world.blank import SMALL
 from valerie.cli.main import app
 from valerie.errors import InvalidInput
+from valerie.runs.moments import duration
 from valerie.runs.resolving.spec import parse
 
 
@@ -47,3 +48,13 @@ def test_variants_are_chosen_by_their_truth(spec: Path, tmp_path: Path, invoke: 
     (block,) = parse(chosen.read_text()).blocks
     assert len(block.points) == 3
     assert {point["scene.person-1.pos.x"] for point in block.points} == {-3.0}
+
+
+def test_a_plan_prices_the_first_batch_and_the_whole_budget(tmp_path: Path, invoke: CliRunner) -> None:
+    study, data = str(tmp_path / "study.yaml"), ["--data-dir", str(tmp_path / "data")]
+    assert invoke.invoke(app, ["study", "new", study]).exit_code == 0
+    plan = json.loads(invoke.invoke(app, ["study", "plan", study, "--json", *data]).stdout)["plan"]
+    shown = invoke.invoke(app, ["study", "plan", study, *data]).stdout
+    start, batch = plan["start_cpu_seconds"], plan["cpu_seconds"]
+    whole = duration(start + (batch - start) / 32 * 256)  # the template's batch and budget
+    assert f"the budget of 256 variants: about {whole} of CPU time" in shown
