@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from io import BytesIO
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from tests.planted_tables import planted_table
+from tests.planted_tables import planted_finding, planted_table
 from valerie.analysis.analyze import analyze
+from valerie.analysis.findings.findings import Findings, ScoredPerson
 from valerie.analysis.report.model import Provenance, ReportInput
+from valerie.analysis.report.odd import Covered, CoveredPair, Held, OddCoverage
 from valerie.analysis.report.report import build_report
 from valerie.cli.printing import pdf_of
+from valerie.parameters.odd import OddAttribute
 from valerie.perception.base import FunctionCard
 
 if TYPE_CHECKING:
@@ -30,7 +34,19 @@ WIDTH = round((210 - 28) / 25.4 * 96)
 LAST = ("the-last-fact", "line-199-of-the-spec")
 
 
-def report() -> str:
+LIT, DARK = (
+    ScoredPerson("lit-frame", "default", "net", 24001, 0.9),
+    ScoredPerson("dark-frame", "default", "net", 24001, 0.1),
+)
+FINDINGS = Findings((planted_finding(LIT, DARK),), (), 9, level=0.95, places_searched=20, places_confirming=20)
+LEVELS = tuple(f"level-{k}" for k in range(4))
+ONE, OTHER = (Covered(OddAttribute.RAINFALL, name, "", LEVELS, (3,) * 4) for name in ("one", "other"))
+#: Twelve of the sixteen pairs of levels never occur.
+PAIR = CoveredPair(ONE, OTHER, tuple(tuple(3 * (row == column) for column in range(4)) for row in range(4)))
+DOMAIN = OddCoverage((ONE, OTHER), (PAIR,), (Held(OddAttribute.WIND, "the-held-one", "3 m/s"),), ())
+
+
+def report(**fields: Any) -> str:
     """Return a report with pictures of frames, each of another colour."""
     colours = count(0x808080, 16)
 
@@ -61,11 +77,10 @@ def report() -> str:
         more,
     )
     document = {"name": "printed", "notes": [f"line-{k}-of-the-spec {DIGEST if k == 199 else ''}" for k in range(200)]}
-    return build_report(
-        ReportInput(
-            document, provenance, table, analysis.summary, analysis.trends, analysis.findings, 60, 60, picture=picture
-        )
+    source = ReportInput(
+        document, provenance, table, analysis.summary, analysis.trends, analysis.findings, 60, 60, picture=picture
     )
+    return build_report(replace(source, **fields))
 
 
 @pytest.mark.parametrize("state", ["folded", "open"])
@@ -85,6 +100,23 @@ def test_provenance_and_spec_are_whole_in_print(state: str, browser: Browser) ->
     )
     assert wide == 0
     assert page.evaluate("document.documentElement.scrollWidth") <= WIDTH
+    page.close()
+
+
+def test_evidence_of_the_register_and_every_hole_of_the_domain_are_printed(browser: Browser) -> None:
+    page = browser.new_page(viewport={"width": WIDTH, "height": 1000})
+    page.set_content(report(findings=FINDINGS, odd=DOMAIN))
+    page.emulate_media(media="print")
+    for section, word in (
+        ("register", DARK.frame_id),
+        ("domain", "level-3 with level-2"),
+        ("domain", "the-held-one"),
+    ):
+        box = page.locator(f"#{section}").get_by_text(word).last.bounding_box()
+        assert box is not None
+        assert box["height"] > 0
+    # The spec of the re-test is folded in the finding, and does not print.
+    assert page.locator("#register").get_by_text("the spec is with the finding").is_hidden()
     page.close()
 
 

@@ -78,6 +78,11 @@ def for_whom(estimand: Estimand) -> str:
     return f" for {population_of_differences(estimand)}"
 
 
+def counted(count: int, what: str) -> str:
+    """Return a number of things: ``1 mode``, ``2 modes``."""
+    return f"{count:,} {what}" if count == 1 else f"{count:,} {what}s"
+
+
 def points(difference: float) -> str:
     """Return a difference of rates in percentage points with its sign."""
     return f"{round(100 * difference, 1) + 0.0:+.1f}".replace("-", "−")

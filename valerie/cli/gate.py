@@ -12,7 +12,7 @@ import typer
 
 from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide, write_output
-from valerie.errors import InvalidInput
+from valerie.errors import InvalidInput, NotFound, UnknownName
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import console
 from valerie.plain import typed
@@ -73,7 +73,10 @@ class PlacesOptions:
 class VerdictFiles:
     """Files that a gate writes."""
 
-    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Also write JUnit XML.")] = None
+    junit: Annotated[
+        Path | None,
+        typer.Option("--junit", metavar="FILE", help="Also write JUnit XML; slices with too few places are skipped."),
+    ] = None
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Also write the verdicts: FILE.csv, .parquet or .json."),
@@ -120,7 +123,6 @@ def gate(
     identical frames, slice by slice; at most 5 % of the slices reported as worse are
     expected to be false alarms.
     """
-    from valerie.analysis.verdicts.gate import called
     from valerie.analysis.verdicts.gate import gate as judge
 
     files.require_known_format()
@@ -129,10 +131,9 @@ def gate(
     if places.before:
         _say_places(run, versions, places.deviation, as_json=as_json)
         return
-    other = versions.baseline
     result = judge(
         run,
-        other if other is None or called(other, run) is not None else read(other),
+        _baseline(versions.baseline, run, read),
         function=versions.function,
         effect=versions.effect,
         mixed=versions.mixed,
@@ -146,6 +147,23 @@ def gate(
         for part in renderables(result):
             console().print(part)
     raise typer.Exit(code)
+
+
+def _baseline(reference: str | None, run: GateRun, read: Callable[[str], GateRun]) -> GateRun | str | None:
+    """Return a function of the run by its name, or another run.
+
+    Raises:
+        UnknownName: neither exists.
+    """
+    from valerie.analysis.verdicts.gate import called
+
+    if reference is None or called(reference, run) is not None:
+        return reference
+    try:
+        return read(reference)
+    except NotFound:
+        kind = "run, or function of the run,"
+        raise UnknownName(kind, reference, run.spec.functions, field="--baseline") from None
 
 
 def _say_places(run: GateRun, versions: BaselineOptions, deviation: float | None, *, as_json: bool) -> None:
@@ -192,7 +210,9 @@ def renderables(result: GateResult) -> list[RenderableType]:
         if version.unmatched:
             parts.append(Text(f"  {version.unmatched:,} rows have no counterpart and are not compared.", style="dim"))
         parts.append("")
-    parts.append(Text("The gate passes." if result.passed else "The gate fails.", style="bold"))
+    reasons = [f"{one.id} by {one.function} is {one.outcome}" for one in result.verdicts if not result.passes(one)]
+    reasons += [f"{one.version} is worse than {one.baseline}" for one in result.versions if one.gate.worse]
+    parts.append(Text(f"The gate fails: {'; '.join(reasons)}." if reasons else "The gate passes.", style="bold"))
     return parts
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Final
 
+from valerie.analysis.wording import counted
 from valerie.guided.strategy import Reason, Why
-from valerie.studies.wording import counted
 
 _Numbers = Mapping[str, float]
 

@@ -7,6 +7,7 @@ from math import isfinite
 
 import numpy as np
 
+from valerie.analysis.wording import counted
 from valerie.guided.cascade import TwoEngines
 from valerie.guided.compare import Difference
 from valerie.guided.domain import shown
@@ -255,8 +256,3 @@ def _between(interval: Interval) -> str:
 def confidence_text(level: float) -> str:
     """Return a confidence as text; one below 1 never reads as 100 %."""
     return f"{100 * level:.4g} %" if level < 0.9999 else f"{100 * level:.6g} %"
-
-
-def counted(count: int, what: str) -> str:
-    """Return a number of things: ``1 mode``, ``2 modes``."""
-    return f"{count:,} {what}" if count == 1 else f"{count:,} {what}s"

@@ -21,7 +21,7 @@ from tests.world.world import settings_of
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
 from valerie.db.products import Job
-from valerie.errors import InvalidInput, NotFound
+from valerie.errors import InvalidInput, UnknownName
 
 WORSE, BETTER = FUNCTIONS
 ALONG = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 0.25]]
@@ -70,12 +70,12 @@ def test_requirements_decide_and_are_written_for_people_ci_and_tables(
     assert f"MET  NEAR · {WORSE}" in printed
     assert f"NOT MET  ALL · {WORSE}" in printed
     assert "the listed grid" in printed
-    assert "The gate fails." in printed
+    assert f"The gate fails: ALL by {WORSE} is not met." in printed
     cases = {(case.get("classname"), case.get("name")): case for case in ET.parse(junit).iter("testcase")}
     assert {key: case.find("failure") is not None for key, case in cases.items()} == {
-        (f"{deployed[1]}.{WORSE}", "NEAR"): False,
-        (f"{deployed[1]}.{BETTER}", "NEAR"): False,
-        (f"{deployed[1]}.{WORSE}", "ALL"): True,
+        (f"requirements.{WORSE}", "NEAR"): False,
+        (f"requirements.{BETTER}", "NEAR"): False,
+        (f"requirements.{WORSE}", "ALL"): True,
     }
     rows = list(csv.DictReader(table.read_text().splitlines()))
     assert [(row["id"], row["function"], row["outcome"]) for row in rows] == [
@@ -112,11 +112,13 @@ def test_a_run_on_the_same_frames_is_a_baseline(deployed: tuple[Path, str, str, 
     assert f"{WORSE} against {WORSE} of run {run_id}: nowhere shown to be worse" in printed
     assert "too few" not in printed
     assert "The gate passes." in printed
-    with pytest.raises(InvalidInput, match="looked at other frames: its resolution differs"):
+    with pytest.raises(InvalidInput, match="looked at other frames; what differs: resolution"):
         gated(deployed, other, "--baseline", failed, code=Exit.OK)
     with pytest.raises(InvalidInput, match="no requirements"):
         gated(deployed, other, code=Exit.OK)
-    with pytest.raises(NotFound):
+    with pytest.raises(
+        UnknownName, match=rf"--baseline: unknown run, or function of the run, 'r0000000000'; known: {WORSE}"
+    ):
         gated(deployed, other, "--baseline", "r0000000000", code=Exit.OK)
     assert folder.exists()
 
@@ -149,9 +151,9 @@ def test_a_server_gives_the_same_result(deployed: tuple[Path, str, str, str]) ->
     assert pq.read_table(io.BytesIO(parquet))["outcome"].to_pylist() == ["met", "met", "not met"]
     assert summary["verdicts"] == local["verdicts"]
     # Verdicts come before everything else that a result shows.
-    shown = ((status, "render"), (html.unescape(report), "<h2>Summary</h2>"), (findings(deployed), "mean pACC"))
+    shown = ((status, "render"), (html.unescape(report), "<h2>Summary</h2>"), (findings(deployed), "pooled"))
     for text, later in shown:
-        assert text.index("share(pacc >= 0.5)") < text.index(later)
+        assert text.index("share of persons with pACC ≥ 0.5") < text.index(later)
 
 
 def test_an_unknown_format_is_refused_before_anything_is_read(tmp_path: Path) -> None:

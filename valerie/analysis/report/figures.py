@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import pyarrow as pa
 
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
-from valerie.analysis.findings.importance import explanations
+from valerie.analysis.findings.importance import Explanation
 from valerie.analysis.report.distributions import QUANTILES, Distribution, distributions, means_by_occlusion
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.trends.trends import AXES, Trend, Trends
@@ -19,7 +19,7 @@ from valerie.measures import Measure
 _Rows = Iterable[dict[str, Any]]
 
 
-def figure_tables(table: EvaluationTable, trends: Trends) -> dict[str, pa.Table]:
+def figure_tables(table: EvaluationTable, trends: Trends, explained: Sequence[Explanation]) -> dict[str, pa.Table]:
     """Return the numbers of all figures by name; figures without any are left out.
 
     Points are a sample of the long table, which `valerie rows` writes. Rates are in 0…1, other columns in their own unit.
@@ -27,8 +27,8 @@ def figure_tables(table: EvaluationTable, trends: Trends) -> dict[str, pa.Table]
     Args:
         table: the run's evaluations.
         trends: its trends.
+        explained: what explains its scores.
     """
-    explained = explanations(table, seed=trends.seed)
     spreads = [(axis, distributions(table, axis)) for axis in AXES]
     figures: dict[str, _Rows] = {
         "bins": (_of(trend) | asdict(part) for trend in trends.items for part in trend.bins),

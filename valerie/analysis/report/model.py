@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import cached_property
 from typing import Protocol
 
 from valerie.analysis.claims.claims import Claims
 from valerie.analysis.claims.ledger import LedgerEntry
 from valerie.analysis.comparison.beside import Beside
 from valerie.analysis.findings.findings import Findings
+from valerie.analysis.findings.importance import Explanation, explanations
 from valerie.analysis.report.odd import OddCoverage
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.summary import Summary
@@ -89,7 +91,7 @@ class Failure:
     example: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ReportInput:
     """Everything that a report shows.
 
@@ -125,3 +127,8 @@ class ReportInput:
     ledger: tuple[LedgerEntry, ...] = ()
     beside: Beside | None = None
     odd: OddCoverage | None = None
+
+    @cached_property
+    def explained(self) -> tuple[Explanation, ...]:
+        """What explains the pACC of each function, computed once for the page and its figures."""
+        return explanations(self.table, seed=self.trends.seed)

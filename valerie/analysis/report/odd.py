@@ -1,9 +1,9 @@
 """Coverage of an operational design domain: which parts of each parameter's range, and of each pair of ranges, a run shows.
 
-Parameters carry attributes in the terms of ISO 34503 (`valerie.parameters.odd`). A range is cut into equal parts; choices are
-levels of their own. Pairs are those of Grindal, Offutt and Andler 2005, *Software Testing, Verification and Reliability* 15,
-167–199, doi:10.1002/stvr.319: each level of a parameter together with each level of another. Coverage says what was looked at. It
-is no statement about what lies inside a level, and none of compliance.
+Parameters carry attributes in the terms of ISO 34503 (`valerie.parameters.odd`). A range is cut into equal parts, each with its
+lower end; choices are levels of their own. Pairs are those of Grindal, Offutt and Andler 2005, *Software Testing, Verification
+and Reliability* 15, 167–199, doi:10.1002/stvr.319: each level of a parameter together with each level of another. Coverage says
+what was looked at. It is no statement about what lies inside a level, and none of compliance.
 """
 
 from __future__ import annotations
@@ -199,8 +199,8 @@ def _levels(
     high = values.max() if definition.maximum is None else definition.maximum
     if low == high:
         return (_text(low, definition),), np.zeros(len(values), np.int64)
-    edges = np.linspace(low, high, PARTS + 1)
-    names = [f"{start:g}…{_text(end, definition)}".replace("-", "−") for start, end in pairwise(edges.tolist())]
+    edges = [float(f"{edge:.12g}") for edge in np.linspace(low, high, PARTS + 1)]  # 0.6 is at least three fifths of 1
+    names = [f"{start:g}…{_text(end, definition)}".replace("-", "−") for start, end in pairwise(edges)]
     return tuple(names), np.clip(np.digitize(values, edges) - 1, 0, PARTS - 1).astype(np.int64)
 
 

@@ -101,7 +101,7 @@ def _entry(name: str, finding: Finding) -> TriggeringCondition:
         function=finding.function,
         triggering_condition=after if lower_after else before,
         reference_condition=before if lower_after else after,
-        functional_insufficiency=f"finds fewer of a person's pixels. {finding.sentence}",
+        functional_insufficiency=f"Finds fewer of a person's pixels. {finding.sentence}",
         confirmed=finding.confirmed,
         effect=-abs(finding.effect),
         low=ends[0],

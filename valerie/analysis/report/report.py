@@ -27,7 +27,6 @@ from valerie.analysis.comparison.beside import Beside, SharedPerson
 from valerie.analysis.comparison.wording import fidelity_sentence
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
 from valerie.analysis.findings.findings import Finding
-from valerie.analysis.findings.importance import explanations
 from valerie.analysis.findings.wording import candidate_text, searched_sentence
 from valerie.analysis.report.distributions import distributions, means_by_occlusion
 from valerie.analysis.report.examples import Example, choose_examples
@@ -121,7 +120,7 @@ def build_report(source: ReportInput) -> str:
             certainty=certainty_sentences(source.summary.rows),
             parameters=level_means(source.table),
             pair=strongest_pair(source.table),
-            explanations=explanations(source.table, seed=source.trends.seed),
+            explanations=source.explained,
             examples=list(_examples(source)),
             occlusion=occlusion_sentence(source.summary.occlusion),
             class_rows=_class_rows(source.summary.classes),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.pairing import frames_of_any_run, levels_of, paired_rows, row_keys, rows_taken
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.analysis.wording import points
+from valerie.analysis.wording import counted, points
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.plain import JsonObject
 from valerie.runs.products.pins import Pins
@@ -258,7 +258,7 @@ def _require_same_frames(run: GateRun, baseline: GateRun) -> None:
     for name in own:
         if own[name] != others[name]:
             raise InvalidInput(
-                f"run {baseline.id} looked at other frames: its {name} differs", field="--baseline", value=baseline.id,
+                f"run {baseline.id} looked at other frames; what differs: {name}", field="--baseline", value=baseline.id,
                 limit=f"a run that differs only in {', '.join(sorted(_FREE))}",
             )  # fmt: skip
 
@@ -320,7 +320,7 @@ def slice_text(item: SliceComparison, effect: float) -> str:
     text = f"{points(item.difference)} points"
     if item.low is not None and item.high is not None:
         text += f" ({points(item.low)} to {points(item.high)})"
-    text += f", {item.pairs:,} pairs at {item.places:,} places, {item.lost:,} lost and {item.gained:,} gained"
+    text += f", {counted(item.pairs, 'pair')} at {counted(item.places, 'place')}, {item.lost:,} lost and {item.gained:,} gained"
     needed = item.places_needed
     if item.worse:
         return text

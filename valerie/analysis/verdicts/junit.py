@@ -1,13 +1,16 @@
 """Result of a gate as JUnit XML, which CI systems show as tests.
 
-Each requirement is a test case of the suite ``requirements``; each compared slice is one of the suite of its function.
-The format is that of the Ant task *junit*, which GitLab, Jenkins and GitHub Actions read.
+Each requirement is a test case of the suite ``requirements``; each compared slice is one of the suite of its function, skipped
+if it has too few places to show that it became worse. The format is that of the Ant task *junit*, which GitLab, Jenkins and
+GitHub Actions read. They compare results of two pipelines by class and name of a case, so these hold neither the run nor the
+version of a function.
 """
 
 from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 
 from valerie.analysis.verdicts.gate import GateResult, VersionGate, slice_text
 from valerie.analysis.verdicts.text import notes, sentence, title
@@ -25,7 +28,7 @@ def junit_xml(result: GateResult) -> bytes:
         for verdict in result.verdicts:
             _requirement(suite, verdict, result)
     for version in result.versions:
-        _version(_suite(root, f"{version.version} against {version.baseline}"), version, result.run_id)
+        _version(_suite(root, f"{version.version} against {version.baseline}"), version, result)
     for suite in root:
         suite.set("tests", str(len(suite)))
         suite.set("failures", str(len(suite.findall("testcase/failure"))))
@@ -47,7 +50,12 @@ def _case(suite: ET.Element, where: str, name: str, text: str) -> ET.Element:
 
 def _requirement(suite: ET.Element, verdict: RequirementVerdict, result: GateResult) -> None:
     text = "\n".join([title(verdict), sentence(verdict), *notes(verdict)])
-    case = _case(suite, f"{result.run_id}.{verdict.function}", verdict.id, text)
+    case = _case(
+        suite,
+        f"requirements.{_stable(verdict.function, (other.function for other in result.verdicts))}",
+        verdict.id,
+        text,
+    )
     if not result.passes(verdict):
         message = _clean(f"{verdict.outcome}: {sentence(verdict)}")
         ET.SubElement(case, "failure", message=message, type=verdict.outcome.replace(" ", "-"))
@@ -55,12 +63,21 @@ def _requirement(suite: ET.Element, verdict: RequirementVerdict, result: GateRes
         ET.SubElement(case, "skipped", message=_clean(f"{verdict.outcome}: {sentence(verdict)}"))
 
 
-def _version(suite: ET.Element, version: VersionGate, run_id: str) -> None:
+def _version(suite: ET.Element, version: VersionGate, result: GateResult) -> None:
+    where = f"comparison.{_stable(version.version, (other.version for other in result.versions))}"
     for item in version.gate.slices:
         text = slice_text(item, version.gate.effect)
-        case = _case(suite, f"{run_id}.{version.version}", item.name, text)
+        case = _case(suite, where, item.name, text)
         if item.worse:
             ET.SubElement(case, "failure", message=_clean(f"worse than {version.baseline}: {text}"), type="worse")
+        elif item.too_few:
+            ET.SubElement(case, "skipped", message=_clean(text))
+
+
+def _stable(function: str, others: Iterable[str]) -> str:
+    """Return the name of a function without its version, unless there are several versions of it among the others."""
+    name = function.partition("@")[0]
+    return name if len({other for other in others if other.partition("@")[0] == name}) == 1 else function
 
 
 def _clean(text: str) -> str:

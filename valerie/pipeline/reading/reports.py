@@ -109,7 +109,7 @@ class ReportWith:
     @property
     def figures(self) -> dict[str, pa.Table]:
         """Numbers of the figures, by figure."""
-        return figure_tables(self.source.table, self.source.trends)
+        return figure_tables(self.source.table, self.source.trends, self.source.explained)
 
 
 def write_report(context: Context, results: RunResults) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from valerie.analysis.analyze import analyze
+from valerie.analysis.findings.importance import explanations
 from valerie.analysis.report.figures import figure_tables
 from valerie.analysis.rows.frame_counts import ALL
 from valerie.analysis.trends.trends import Trends
@@ -20,7 +21,10 @@ def trends(dropping_table):
 
 @pytest.fixture(scope="module")
 def figures(dropping_table, trends):
-    return {name: table.to_pylist() for name, table in figure_tables(dropping_table, trends).items()}
+    return {
+        name: table.to_pylist()
+        for name, table in figure_tables(dropping_table, trends, explanations(dropping_table, seed=7)).items()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -81,4 +85,4 @@ def test_distributions_count_each_person_once_in_each_frame(figures, dropping_ta
 
 def test_figures_without_numbers_are_left_out(dropping_table):
     nobody = dropping_table.select(np.zeros(len(dropping_table), np.bool_))
-    assert figure_tables(nobody, Trends(0.5, 0, ())) == {}
+    assert figure_tables(nobody, Trends(0.5, 0, ()), ()) == {}

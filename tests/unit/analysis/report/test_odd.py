@@ -56,6 +56,15 @@ def test_levels_and_pairs_are_counted_by_frame_and_missing_values_are_defaults(t
     assert len(coverage.pairs) == 3
 
 
+def test_a_value_at_a_bound_of_two_levels_is_in_the_upper_one() -> None:
+    planted = planted_table([0.5] * 6, range(6))
+    rows = [{**row, FOG: k / 5} for k, row in enumerate(planted.arrow.to_pylist())]
+    table = EvaluationTable.from_rows(rows, {**planted.parameters, FOG: "FLOAT"})
+    share = {"path": FOG, "type": "FLOAT", "minimum": 0, "maximum": 1, "default": 0, "odd": "particulates"}
+    (fog,) = odd_coverage([ParameterDefinition.model_validate({"affects": "light", **share})], table, {}).varied
+    assert fog.frames == (1, 1, 1, 1, 2)  # 0.6, which is 0.6000000000000001 as three fifths of 1, is no hole
+
+
 def test_what_is_held_and_what_nothing_stands_for_is_named(table: EvaluationTable) -> None:
     coverage = odd_coverage(DEFINITIONS, table, {FOG: 100.0})
     assert [(hole.parameter, hole.value) for hole in coverage.held] == [("fog", "100 m")]

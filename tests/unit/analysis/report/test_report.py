@@ -11,6 +11,8 @@ import yaml
 
 from valerie.analysis.analyze import analyze
 from valerie.analysis.findings.effects import level_means, strongest_pair
+from valerie.analysis.report import model
+from valerie.analysis.report.figures import figure_tables
 from valerie.analysis.report.model import Failure, Provenance, ReportInput
 from valerie.analysis.report.odd import odd_coverage
 from valerie.analysis.report.register import register
@@ -252,6 +254,17 @@ def test_without_pictures_there_is_no_gallery(source):
 
 def test_equal_input_gives_equal_bytes(source, html):
     assert build_report(source) == html
+
+
+def test_what_explains_the_score_is_computed_once_for_the_page_and_its_figures(brief, monkeypatch):
+    computed = []
+    monkeypatch.setattr(model, "explanations", lambda table, *, seed: computed.append((table, seed)) or ())
+    fresh = dataclasses.replace(brief)
+
+    build_report(fresh)
+    figure_tables(fresh.table, fresh.trends, fresh.explained)
+
+    assert computed == [(brief.table, brief.trends.seed)]
 
 
 def test_a_run_without_any_evaluation_still_has_a_report(source):

@@ -133,8 +133,8 @@ def test_places_of_a_grid_are_positions_and_of_a_drawn_design_variants() -> None
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"seed": 3}, "its seed differs"),
-        ({"asset_digest": "other"}, "its asset differs"),
+        ({"seed": 3}, "what differs: seed"),
+        ({"asset_digest": "other"}, "what differs: asset"),
         ({"cameras": ["c"]}, "cameras"),
     ],
 )
@@ -201,12 +201,35 @@ def test_junit_xml_has_a_case_for_every_requirement_and_slice(lenient: bool) -> 
     }  # fmt: skip
     outcomes = {case.get("name"): [part.tag for part in case if part.tag != "system-out"] for case in first}
     assert outcomes == {"MET": [], "NOT": ["failure"], "OPEN": ["skipped" if lenient else "failure"]}
-    assert "mean(pacc)" in first.findtext("testcase/system-out", "")
+    assert "mean pACC" in first.findtext("testcase/system-out", "")
     worse = [case.get("name") for case in second if case.find("failure") is not None]
     assert worse == list(result.versions[0].gate.worse)
+    skipped = [case.get("name") for case in second if case.find("skipped") is not None]
+    assert skipped == [item.name for item in result.versions[0].gate.slices if item.too_few and not item.worse]
     assert second.get("name") == "new against old"
     assert int(second.get("tests", "")) == len(result.versions[0].gate.slices)
     assert junit_xml(result) == junit_xml(result)
+
+
+def test_cases_of_two_pipelines_have_equal_classes_and_names() -> None:
+    before, after = planted()
+    cases = []
+    for number in ("1", "2"):
+        this = run(
+            {"net@0": before, f"net@{number}": after}, name=f"run-{number}", columns=DISTANCE, verdicts=verdicts()
+        )
+        root = ET.fromstring(junit_xml(gate(this, "net@0")))  # written by this test
+        cases.append([(case.get("classname"), case.get("name")) for case in root.iter("testcase")])
+    assert cases[0] == cases[1]
+    assert len(set(cases[0])) == len(cases[0])
+    both = run({"base": before, "net@1": after, "net@2": after}, columns=DISTANCE)
+    root = ET.fromstring(junit_xml(gate(both, "base")))
+    assert {case.get("classname") for case in root.iter("testcase")} == {"comparison.net@1", "comparison.net@2"}
+
+
+def test_one_pair_at_one_place_is_singular() -> None:
+    alone = gate(run({"old": np.array([0.9]), "new": np.array([0.8])}), "old").versions[0].gate
+    assert "1 pair at 1 place," in slice_text(alone.slices[0], 0.05)
 
 
 def test_the_result_is_json_without_nan() -> None:

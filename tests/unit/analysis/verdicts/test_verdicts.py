@@ -227,6 +227,35 @@ def test_further_variants_are_those_in_the_region(fields: dict[str, str], words:
     assert f"about {verdict.further} {words} decide it" in sentence(verdict)
 
 
+@pytest.mark.parametrize(
+    ("statistic", "words"),
+    [
+        ("mean(pacc) >= 0.5", "The mean pACC is 60.0 %; at least 50 % is required."),
+        ("share(pacc >= 0.3) >= 50 %", "The share of persons with pACC ≥ 0.3 is 100.0 %; at least 50 % is required."),
+        (
+            "share(fp <= 200) <= 50 %",
+            "The share of frames with false person pixels ≤ 200 is 100.0 %; at most 50 % is required.",
+        ),
+        (
+            "quantile(pacc, 0.05) >= 0.3",
+            "The share of persons with pACC ≥ 0.3 is 100.0 %; at least 95 % is required: quantile(pacc, 0.05) >= 0.3.",
+        ),
+    ],
+)
+def test_a_verdict_is_said_in_words(statistic: str, words: str) -> None:
+    table = planted_table([0.8, 0.4], [0, 1], fp=[3, 30])
+    assert sentence(judged(statistic, table, drawn("points", 2))) == words
+
+
+def test_a_region_is_named_and_a_value_that_nobody_has_is_unknown() -> None:
+    table = planted_table([NAN], [0])
+    verdict = judged("mean(pacc) >= 0.5", table, drawn("points", 1), fields={"where": "distance_m > 99"})
+    assert sentence(verdict) == (
+        "The mean pACC, where distance_m > 99, is unknown; at least 50 % is required. "
+        "The region has no persons with a value."
+    )
+
+
 def test_an_empty_region_is_undecided() -> None:
     table = planted_table([0.9, NAN], [0, 1])
     verdict = judged("mean(pacc) >= 0.5", table, drawn("points", 2), regions={"R": np.array([False, True])})
