@@ -113,6 +113,11 @@ test-hostile: setup-dev ## Plan 20,000 damaged specs over REST (SPECS=100)
 	$(PYTHON_BIN) -m tests.hostile --specs $$(($(SPECS) / 2)) --first $$(($(SPECS) / 2 + 1)); \
 	  result=$$?; wait $$! && exit $$result
 
+SCENARIOS ?= 30
+.PHONY: test-stateful
+test-stateful: setup-dev ## Send 30 scenarios of linked requests to the API, on SQLite and on Postgres (SCENARIOS=100)
+	$(TEST_ENVIRONMENT) VALERIE_TEST_SCENARIOS=$(SCENARIOS) $(PYTHON_BIN) -m pytest tests/integration/test_api_stateful.py $(PYTEST_OPTIONS)
+
 .PHONY: test-all
 test-all: setup-dev ## Run every test but the containers
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest $(TEST_WORKERS) $(PYTEST_OPTIONS)
