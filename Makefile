@@ -113,6 +113,11 @@ test-hostile: setup-dev ## Plan 20,000 damaged specs over REST (SPECS=100)
 	$(PYTHON_BIN) -m tests.hostile --specs $$(($(SPECS) / 2)) --first $$(($(SPECS) / 2 + 1)); \
 	  result=$$?; wait $$! && exit $$result
 
+SCENARIOS ?= 30
+.PHONY: test-stateful
+test-stateful: setup-dev ## Send 30 scenarios of linked requests to the API, on SQLite and on Postgres (SCENARIOS=100)
+	$(TEST_ENVIRONMENT) VALERIE_TEST_SCENARIOS=$(SCENARIOS) $(PYTHON_BIN) -m pytest tests/integration/test_api_stateful.py $(PYTEST_OPTIONS)
+
 .PHONY: test-all
 test-all: setup-dev ## Run every test but the containers
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest $(TEST_WORKERS) $(PYTEST_OPTIONS)
@@ -140,10 +145,13 @@ sbom: .venv-sbom ## List all installed packages with versions and licences in va
 	mkdir -p var
 	.venv-sbom/bin/cyclonedx-py environment --output-reproducible --output-file var/sbom.json $(PYTHON_BIN)
 
+# pip-audit writes its file only if it has looked at every package and found something.
 .PHONY: audit
-audit: .venv-sbom ## Look for known vulnerabilities of the pinned versions (needs pypi.org)
-	.venv-sbom/bin/pip-audit --strict --no-deps --disable-pip --progress-spinner off -r constraints.txt || \
-	  { echo "audit: vulnerable packages are listed above; otherwise pypi.org did not answer, and nothing is known" >&2; exit 1; }
+audit: .venv-sbom ## Look for known vulnerabilities of the pinned versions (needs pypi.org); they go to var/audit.txt
+	mkdir -p var && rm -f var/audit.txt
+	.venv-sbom/bin/pip-audit --strict --no-deps --disable-pip --progress-spinner off --output var/audit.txt \
+	  -r constraints.txt || { cat var/audit.txt 2>/dev/null || \
+	  echo "audit: pypi.org did not answer for every package: NOTHING is known about vulnerabilities" >&2; exit 1; }
 
 .PHONY: test-cluster
 test-cluster: setup-dev ## Test Slurm, RabbitMQ and the files for Kubernetes (needs slurm-wlm munge rabbitmq-server kubernetes-client prometheus)

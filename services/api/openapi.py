@@ -63,15 +63,28 @@ class _Content(TypedDict, total=False):
     example: Json
 
 
+class _Link(TypedDict, total=False):
+    operationRef: str
+    operationId: str
+    parameters: dict[str, str]
+
+
 class _Response(TypedDict, total=False):
     content: dict[str, _Content]
+    links: dict[str, _Link]
 
 
-class _Operation(TypedDict):
+class _Parameter(TypedDict):
+    name: str
+
+
+class _Operation(TypedDict, total=False):
+    operationId: str
+    parameters: list[_Parameter]
     responses: dict[str, _Response]
 
 
-#: Path and method to operation; only the members that examples are added to.
+#: Path and method to operation; only the members that examples and links are made of.
 _Paths = Mapping[str, Mapping[str, _Operation]]
 
 
@@ -84,6 +97,20 @@ def problems(*statuses: int) -> dict[int | str, JsonObject]:
 def example(value: Any, *, media_type: str = "application/json", status: int = 200) -> dict[int | str, JsonObject]:
     """Return ``responses=`` with an example of the answer."""
     return {status: {"content": {media_type: {"example": value}}}}
+
+
+def gives(status: int, *ids: tuple[str, str, str]) -> dict[int | str, JsonObject]:
+    """Return ``responses=`` that links the answer to the operations that take an id which it gives.
+
+    Args:
+        status: of the answer.
+        ids: parameter, start of the path of operations that take it, JSON pointer into the answer's body.
+    """
+    links: JsonObject = {
+        f"{parameter} {below}": {"operationRef": below, "parameters": {parameter: f"$response.body#{pointer}"}}
+        for parameter, below, pointer in ids
+    }
+    return {status: {"links": links}}
 
 
 def request_body(description: str, content: Mapping[str, JsonObject]) -> JsonObject:
@@ -152,7 +179,22 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
         for operation in item.values():
             operation["security"] = [] if path in open_paths else [{"token": []}, {}]
     _add_examples(document["paths"], routers)
+    _complete_links(document["paths"])
     return document
+
+
+def _complete_links(paths: _Paths) -> None:
+    """Replace each link of `gives` by one link for each operation that it means."""
+    operations = [(path, operation) for path, item in paths.items() for operation in item.values()]
+    for response in (response for _, operation in operations for response in operation["responses"].values()):
+        if "links" in response:
+            response["links"] = {
+                target["operationId"]: {"operationId": target["operationId"], "parameters": link["parameters"]}
+                for link in response["links"].values()
+                for path, target in operations
+                if path.startswith(link["operationRef"])
+                and link["parameters"].keys() <= {parameter["name"] for parameter in target.get("parameters", ())}
+            }
 
 
 def _add_examples(paths: _Paths, routers: Sequence[APIRouter]) -> None:

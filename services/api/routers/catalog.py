@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, HTTPException, Path, Query, status
 
 from services.api.dependencies import ContextDependency
-from services.api.openapi import problems
+from services.api.openapi import gives, problems
 from services.api.schemas.catalog import (
     AssetEntry,
     AssetRead,
@@ -30,7 +30,11 @@ router = APIRouter(prefix="/v1", tags=["catalog"])
 Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", examples=["urban-street"])]
 
 
-@router.get("/assets", responses=problems(422), summary="Assets that a spec may name")
+@router.get(
+    "/assets",
+    responses={**problems(422), **gives(200, ("name", "/v1/assets", "/0/name"))},
+    summary="Assets that a spec may name",
+)
 def assets(context: ContextDependency) -> list[AssetEntry]:
     return [AssetEntry.model_validate(entry) for entry in catalog.assets(context.settings)]
 

@@ -13,7 +13,7 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
 from fastapi.responses import StreamingResponse
 
 from services.api.dependencies import ContextDependency
-from services.api.openapi import problems
+from services.api.openapi import gives, problems
 from services.api.schemas.base import FRAME_ID, FUNCTION, RUN_ID
 from services.api.schemas.explore import (
     SELECTION_NAME,
@@ -371,7 +371,11 @@ def _require_one(run: list[str]) -> None:
         raise InvalidInput("this needs the rows of one run", field="run", value=run, limit="one run")
 
 
-@router.get("/selections", responses=problems(422), summary="Saved selections, newest first")
+@router.get(
+    "/selections",
+    responses={**problems(422), **gives(200, ("name", "/v1/selections", "/0/name"))},
+    summary="Saved selections, newest first",
+)
 def list_selections(context: ContextDependency) -> list[SelectionRead]:
     with reading(context.engine) as connection:
         return [SelectionRead.model_validate(row, from_attributes=True) for row in selections.listed(connection)]
@@ -380,7 +384,7 @@ def list_selections(context: ContextDependency) -> list[SelectionRead]:
 @router.post(
     "/selections",
     status_code=status.HTTP_201_CREATED,
-    responses=problems(404, 409, 422),
+    responses={**problems(404, 409, 422), **gives(201, ("name", "/v1/selections", "/name"))},
     summary="Save a selection under a name",
 )
 def save_selection(new: NewSelection, context: ContextDependency) -> SelectionRead:

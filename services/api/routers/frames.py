@@ -17,7 +17,7 @@ from services.api.dependencies import (
     encode_cursor,
     index,
 )
-from services.api.openapi import binary, problems
+from services.api.openapi import binary, gives, problems
 from services.api.schemas.base import DIGEST
 from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, PixelRead, VariantPage, VariantRead
 from services.api.transfer import ConditionsDependency, send
@@ -61,7 +61,14 @@ def list_variants(
     return VariantPage(items=items, next=encode_cursor(items[-1].index) if len(rows) > limit else None)
 
 
-@router.get("/runs/{run_id}/frames", responses=problems(404, 409, 422), summary="Frames and the products they link to")
+@router.get(
+    "/runs/{run_id}/frames",
+    responses={
+        **problems(404, 409, 422),
+        **gives(200, ("frame_id", "/v1/frames", "/items/0/id"), ("digest", "/v1/artifacts", "/items/0/truth")),
+    },
+    summary="Frames and the products they link to",
+)
 def list_frames(run_id: RunId, context: ContextDependency, limit: Limit = 100, cursor: Cursor = None) -> FramePage:
     place = decode_cursor(cursor, index, index, index)
     frames = frames_after(context, run_id, after=None if place is None else FrameKey(run_id, *place), limit=limit + 1)

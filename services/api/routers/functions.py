@@ -8,7 +8,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, HTTPException, Path, Query, Request, Response, status
 
 from services.api.dependencies import Body, ContextDependency, FrameDependency, wake_control
-from services.api.openapi import binary, problems, request_body
+from services.api.openapi import binary, gives, problems, request_body
 from services.api.schemas.functions import FunctionDetail, FunctionRead, PredictionRead
 from services.api.transfer import ConditionsDependency, send
 from services.api.upload import FormDependency
@@ -28,6 +28,7 @@ Reference = Annotated[
         examples=["deeplabv3plus-small"],
     ),
 ]
+_REFERENCE: Final = ("reference", "/v1/functions", "/reference")
 #: One import at a time in this process, since it takes memory and time.
 _IMPORTS: Final = threading.Lock()
 _FORM: Final = request_body(
@@ -65,7 +66,12 @@ _PNG: Final = request_body(
     openapi_extra=_FORM,
     responses={
         **problems(409, 413, 422, 501, 507),
-        200: {"model": FunctionDetail, "description": "this version is registered already"},
+        **gives(201, _REFERENCE),
+        200: {
+            "model": FunctionDetail,
+            "description": "this version is registered already",
+            **gives(200, _REFERENCE)[200],
+        },
     },
     summary="Register a function under test; an equal document under the same name changes nothing",
     response_description="registered; Location names this version",
@@ -91,7 +97,7 @@ def register(form: FormDependency, request: Request, response: Response, context
 
 @router.get(
     "/functions",
-    responses=problems(422),
+    responses={**problems(422), **gives(200, ("reference", "/v1/functions", "/0/name"))},
     summary="Functions under test with their cards: installed ones, then every version of registered ones, newest first",
 )
 def list_functions(context: ContextDependency) -> list[FunctionRead]:

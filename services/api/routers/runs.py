@@ -16,7 +16,7 @@ from services.api.dependencies import (
     next_page,
     wake_control,
 )
-from services.api.openapi import document_body, example, problems
+from services.api.openapi import document_body, example, gives, problems
 from services.api.schemas.base import CAMERAS, DIGEST
 from services.api.schemas.runs import SPEC, Failure, Progress, RelativeRead, RunDetail, RunPage, RunRead
 from services.api.transfer import IfNoneMatch, send_page
@@ -76,6 +76,11 @@ _OF_RUN = problems(404, 422)
 _OF_CHANGE = problems(404, 409, 422)
 
 
+def gives_run(status: int, pointer: str) -> dict[int | str, JsonObject]:
+    """Return ``responses=`` of an answer with a run's id at a JSON pointer."""
+    return gives(status, ("run_id", "/v1/runs", pointer), ("run", "/v1/explore", pointer))
+
+
 def _spec(body: Body) -> RunSpec:
     # Runs in a thread, so that a large document does not delay other requests.
     return parse(body)
@@ -98,7 +103,7 @@ def plan(spec: Spec, context: ContextDependency) -> Plan:
     "/runs",
     status_code=status.HTTP_202_ACCEPTED,
     openapi_extra=SPEC_BODY,
-    responses=problems(404, 409, 413, 422, 507),
+    responses={**problems(404, 409, 413, 422, 507), **gives_run(202, "/id")},
     summary="Submit a run",
     response_description="accepted; Location names the run",
 )
@@ -126,7 +131,12 @@ def create(
     return _read(context, run_id)
 
 
-@router.get("/runs", responses=problems(422), response_model=RunPage, summary="Runs, newest first")
+@router.get(
+    "/runs",
+    responses={**problems(422), **gives_run(200, "/items/0/id")},
+    response_model=RunPage,
+    summary="Runs, newest first",
+)
 def list_runs(
     request: Request,
     context: ContextDependency,

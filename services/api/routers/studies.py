@@ -15,8 +15,8 @@ from services.api.dependencies import (
     next_page,
     wake_control,
 )
-from services.api.openapi import document_body, example, problems
-from services.api.routers.runs import PLAN
+from services.api.openapi import document_body, example, gives, problems
+from services.api.routers.runs import PLAN, gives_run
 from services.api.schemas.studies import (
     REASON,
     STUDY,
@@ -90,7 +90,7 @@ def plan(document: Document, context: ContextDependency) -> NextBatchRead:
     "/studies",
     status_code=status.HTTP_202_ACCEPTED,
     openapi_extra=_STUDY_BODY,
-    responses=problems(413, 422, 507),
+    responses={**problems(413, 422, 507), **gives(202, ("study_id", "/v1/studies", "/id"))},
     summary="Begin a study",
     response_description="accepted; Location names the study",
 )
@@ -103,7 +103,12 @@ def create(
     return _read(context, study_id)
 
 
-@router.get("/studies", responses=problems(422), response_model=StudyPage, summary="Studies, newest first")
+@router.get(
+    "/studies",
+    responses={**problems(422), **gives(200, ("study_id", "/v1/studies", "/items/0/id"))},
+    response_model=StudyPage,
+    summary="Studies, newest first",
+)
 def list_studies(
     request: Request,
     context: ContextDependency,
@@ -119,7 +124,7 @@ def list_studies(
 
 @router.get(
     "/studies/{study_id}",
-    responses=_OF_STUDY,
+    responses={**_OF_STUDY, **gives_run(200, "/batches/0/run_id")},
     response_model=StudyDetail,
     summary="One study with its batches",
 )

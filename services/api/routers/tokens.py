@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request
 
 from services.api.dependencies import ContextDependency, Limit
-from services.api.openapi import problems
+from services.api.openapi import gives, problems
 from services.api.roles import refused
 from services.api.schemas.tokens import AccessRead, AuditRead, TokenIssued, TokenRead
 from valerie.db import audit, tokens
@@ -33,7 +33,7 @@ def list_tokens(context: ContextDependency) -> list[TokenRead]:
 @router.post(
     "/tokens",
     status_code=201,
-    responses=problems(409, 413, 422),
+    responses={**problems(409, 413, 422), **gives(201, ("name", "/v1/tokens", "/name"))},
     summary="Issue a token; only this answer has the secret",
 )
 def create(request: TokenRequest, context: ContextDependency) -> TokenIssued:

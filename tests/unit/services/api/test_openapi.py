@@ -112,6 +112,31 @@ def test_answers_fit_their_schemas(
     assert count >= 18
 
 
+def test_links_lead_with_ids_from_answers_to_every_operation_that_takes_one(document: dict[str, Any]) -> None:
+    by_id = {one["operationId"]: (name, one) for name, one in operations(document)}
+    reached: set[tuple[str, str]] = set()
+    for name, one in by_id.values():
+        for response in one["responses"].values():
+            for link in response.get("links", {}).values():
+                target, _ = by_id[link["operationId"]]
+                ((parameter, expression),) = link["parameters"].items()
+                reached.add((target, parameter))
+                value = example_of(document, response["content"]["application/json"])
+                for part in expression.removeprefix("$response.body#/").split("/"):
+                    value = value[int(part)] if isinstance(value, list) else value[part]
+                assert isinstance(value, str), (name, expression)
+    needed = {
+        (name, parameter["name"])
+        for name, one in operations(document)
+        for parameter in one.get("parameters", [])
+        if parameter["in"] == "path" or parameter["name"] == "run"
+    }
+    assert needed - reached == {
+        ("get /v1/frames/{frame_id}/annotations/{kind}", "kind"),
+        ("get /v1/artifacts/{kind}/{digest}", "kind"),
+    }
+
+
 def test_the_token_is_part_of_the_document(document: dict[str, Any]) -> None:
     assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
     assert document["paths"]["/healthz"]["get"]["security"] == []
