@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 from os import PathLike
+from pathlib import Path
 from typing import Any, Final
 
 from starlette.responses import Response
@@ -14,6 +15,8 @@ POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+#: Browsers ask for it again whenever the address changes, so at every brush.
+_ICON: Final = "icon.svg"
 
 
 class DashboardFiles(StaticFiles):
@@ -29,10 +32,13 @@ class DashboardFiles(StaticFiles):
 
     def file_response(self, full_path: str | PathLike[str], *args: Any, **kwargs: Any) -> Response:
         """Return a file or 304 Not Modified; both carry the policy."""
-        return _guarded(super().file_response(full_path, *args, **kwargs))
+        response = super().file_response(full_path, *args, **kwargs)
+        if Path(full_path).name == _ICON:
+            response.headers["Cache-Control"] = "max-age=3600"
+        return _guarded(response)
 
 
 def _guarded(response: Response) -> Response:
     response.headers["Content-Security-Policy"] = POLICY
-    response.headers["Cache-Control"] = "no-cache"
+    response.headers.setdefault("Cache-Control", "no-cache")
     return response

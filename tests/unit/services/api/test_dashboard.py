@@ -27,7 +27,7 @@ def test_every_file_has_the_policy_and_is_revalidated(api: httpx.Client, name: s
     assert policy["script-src"] == "'self'"
     assert policy["style-src"] == "'self'"
     assert policy["frame-ancestors"] == "'none'"
-    assert answer.headers["Cache-Control"] == "no-cache"
+    assert answer.headers["Cache-Control"] == ("max-age=3600" if name == "icon.svg" else "no-cache")
     again = api.get(f"/dashboard/{name}", headers={"If-None-Match": answer.headers["ETag"]})
     assert again.status_code == 304
     assert again.headers["Content-Security-Policy"] == answer.headers["Content-Security-Policy"]
