@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 from valerie.parameters.odd import OddAttribute
+from valerie.parameters.paths import short_name
 from valerie.plain import JsonObject
 
 #: Equal parts of the range of a number.
@@ -32,7 +33,7 @@ class Covered:
 
     Attributes:
         attribute: that it stands for.
-        parameter: its name.
+        parameter: its path without ``scene.``, as findings name it.
         source: where its range comes from; empty where nobody said.
         levels: the choices, or the parts of its range, in order.
         frames: number of evaluated frames at each level.
@@ -128,10 +129,12 @@ def odd_coverage(
         if definition.path in table.parameters:
             levels, places = _levels(definition, table, first_rows)
             frames = tuple(np.bincount(places, minlength=len(levels)).tolist())
-            varied.append((Covered(definition.odd, definition.name, definition.source, levels, frames), places))
+            varied.append(
+                (Covered(definition.odd, short_name(definition.path), definition.source, levels, frames), places)
+            )
         else:
             value = constants.get(definition.path, definition.default)
-            held.append(Held(definition.odd, definition.name, _text(value, definition)))
+            held.append(Held(definition.odd, short_name(definition.path), _text(value, definition)))
     pairs = [
         CoveredPair(one, other, _together(one, places, other, others))
         for (one, places), (other, others) in combinations(varied, 2)

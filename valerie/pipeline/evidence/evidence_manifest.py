@@ -181,8 +181,8 @@ def plain_files(folder: Path) -> list[str]:
         Refused: something is neither a file nor a folder, has a name that no manifest allows, or exceeds the limits.
     """
     problems: list[str] = []
-    names: list[str] = []
-    total = entries = 0
+    sizes: dict[str, int] = {}
+    entries = 0
     folders = [""]
     while folders:
         above = folders.pop()
@@ -198,16 +198,16 @@ def plain_files(folder: Path) -> list[str]:
                 elif stat.S_ISDIR(status.st_mode):
                     folders.append(name + "/")
                 elif stat.S_ISREG(status.st_mode):
-                    names.append(name)
-                    total += status.st_size
+                    sizes[name] = status.st_size
                 else:
                     kind = "a symbolic link" if stat.S_ISLNK(status.st_mode) else "neither a file nor a folder"
                     problems.append(f"{name}: {kind}")
-    if total > MAX_BYTES:
-        problems.append(f"{total:,} bytes in all files; limit: {MAX_BYTES:,}")
+    if (total := sum(sizes.values())) > MAX_BYTES:
+        largest = max(sizes, key=lambda name: sizes[name])
+        problems.append(f"{largest}: {sizes[largest]:,} of {total:,} bytes in all files; limit: {MAX_BYTES:,}")
     if problems:
         raise Refused(problems)
-    return sorted(names)
+    return sorted(sizes)
 
 
 def _scanned(folder: Path, name: str) -> AbstractContextManager[Iterator[os.DirEntry[str]]]:

@@ -60,8 +60,17 @@ def test_a_value_at_a_bound_of_two_levels_is_in_the_upper_one() -> None:
     planted = planted_table([0.5] * 6, range(6))
     rows = [{**row, FOG: k / 5} for k, row in enumerate(planted.arrow.to_pylist())]
     table = EvaluationTable.from_rows(rows, {**planted.parameters, FOG: "FLOAT"})
-    share = {"path": FOG, "type": "FLOAT", "minimum": 0, "maximum": 1, "default": 0, "odd": "particulates"}
+    share = {
+        "name": "mist",
+        "path": FOG,
+        "type": "FLOAT",
+        "minimum": 0,
+        "maximum": 1,
+        "default": 0,
+        "odd": "particulates",
+    }
     (fog,) = odd_coverage([ParameterDefinition.model_validate({"affects": "light", **share})], table, {}).varied
+    assert fog.parameter == "fog"  # as findings name it
     assert fog.frames == (1, 1, 1, 1, 2)  # 0.6, which is 0.6000000000000001 as three fifths of 1, is no hole
 
 
