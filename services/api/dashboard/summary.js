@@ -9,8 +9,8 @@ const ends = (one) => (one ? `[${(100 * one.low).toFixed(1)} – ${(100 * one.hi
 const interval = (one, spread) => ends(one?.low === undefined ? spread : one);
 const undefinedText = (reasons) => Object.entries(reasons).map(([reason, n]) => `${count(n)} ${reason}`).join(", ");
 
-export function summarySection({ verdicts, summary, findings, certainty, searched }, marked) {
-  const judged = verdictList(verdicts);
+export function summarySection({ verdicts, judged: sentences, summary, findings, certainty, searched }, marked) {
+  const judged = verdictList(verdicts, sentences);
   const warnings = warningNotes(summary);
   if (!summary.rows.length) return h("section", { class: "card" }, judged, h("h2", {}, "Summary"), warnings, h("p", { class: "soft" }, "No person was evaluated in this run."));
   const several = new Set(summary.rows.map((row) => row.sensor)).size > 1;
@@ -55,12 +55,11 @@ const linked = (sentence) => sentence.split(FRAME).map((part, k) => (k % 2 ? h("
 // The look of an outcome.
 const OUTCOMES = { met: "good", "not met": "bad", undecided: "wait" };
 
-function verdictList(verdicts) {
+function verdictList(verdicts, sentences) {
   if (!verdicts.length) return null;
-  return h("div", { class: "verdicts" }, h("h2", {}, "Requirements"), h("ul", {}, verdicts.map((one) => h("li", {},
+  return h("div", { class: "verdicts" }, h("h2", {}, "Requirements"), h("ul", {}, verdicts.map((one, k) => h("li", {},
     h("span", { class: `chip ${OUTCOMES[one.outcome]}` }, one.outcome), h("strong", {}, ` ${one.id} · ${one.function}`), one.text ? `: ${one.text}` : "",
-    h("div", { class: "small soft" }, `${one.quantity}${one.where ? ` where ${one.where}` : ""} is ${percent(one.estimate)}; ${one.sign === ">=" ? "at least" : "at most"} ${percent(one.bound)} is required.`,
-      one.reason ? ` Undecided: ${one.reason}${one.further === null ? "" : `; about ${count(one.further)} more would decide it`}.` : "")))));
+    h("div", { class: "small soft" }, sentences[k])))));
 }
 
 const list = (title, findings, marked) => (findings.length

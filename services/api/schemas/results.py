@@ -11,6 +11,7 @@ from valerie.analysis.findings.findings import Findings
 from valerie.analysis.findings.wording import searched_sentence
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.summary.wording import certainty_sentences
+from valerie.analysis.verdicts.text import sentence
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.measures import Source
 
@@ -188,3 +189,16 @@ class SummaryRead(Read):
     @property
     def searched(self) -> str:
         return searched_sentence(self.findings)
+
+    @computed_field(  # type: ignore[prop-decorator]
+        description="each verdict in words",
+        examples=[
+            [
+                "The share of persons with pACC ≥ 0.5, where distance_m <= 30, is 98.0 %; at least 95 % is required. The "
+                "variants are too few for this estimate."
+            ]
+        ],
+    )
+    @property
+    def judged(self) -> list[str]:
+        return [sentence(verdict) for verdict in self.verdicts]
