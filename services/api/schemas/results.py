@@ -193,10 +193,7 @@ class SummaryRead(Read):
     @computed_field(  # type: ignore[prop-decorator]
         description="each verdict in words",
         examples=[
-            [
-                "The share of persons with pACC ≥ 0.5, where distance_m <= 30, is 98.0 %; at least 95 % is required. The "
-                "variants are too few for this estimate."
-            ]
+            ["The share of persons with pACC ≥ 0.5 is 98.0 %; at least 95 % is required. The variants are too few."]
         ],
     )
     @property
