@@ -17,6 +17,7 @@ def changed(**changes) -> DeepLabSettings:
 
 @pytest.mark.parametrize("changes", [{}, {"separable": True}, {"pool_window": (32, 64)}])
 def test_the_pyramid_keeps_the_resolution_and_sees_the_whole_image(changes) -> None:
+    torch.manual_seed(0)  # some random weights end in zeros everywhere
     pyramid = AtrousPyramid(4, changed(**changes)).eval()
     x = torch.zeros(1, 4, 30, 60)
     far = x.clone()

@@ -15,6 +15,7 @@ from tests.world.world import settings_of
 from valerie.labels import CITYSCAPES, PERSON, TRAIN_LABELS, colorize
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import open_context
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
@@ -92,7 +93,7 @@ def test_visibility_and_scores_agree_with_the_stored_products(
     api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]
 ) -> None:
     store = open_context(settings_of(drawn.folder)).store
-    truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
+    truth = ProductReader(store).truth(frame["truth"])
     person = frame["persons"][0]
     visible = truth.instance_map == person["instance_id"]
     assert person["pixel_area"] == visible.sum()
@@ -120,7 +121,7 @@ def test_a_pixel_names_what_the_stored_products_hold_there(
     api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]
 ) -> None:
     store = open_context(settings_of(drawn.folder)).store
-    truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
+    truth = ProductReader(store).truth(frame["truth"])
     predictions = {
         one["function"]: codecs.decode_prediction(store.get(product_key("prediction", one["prediction"])))
         for one in frame["evaluations"]
@@ -160,7 +161,7 @@ def test_truth_and_prediction_are_painted_in_the_colours_of_their_classes(
     api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]
 ) -> None:
     store = open_context(settings_of(drawn.folder)).store
-    truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
+    truth = ProductReader(store).truth(frame["truth"])
     assert (image(api, frame["images"]["truth"]) == colorize(truth.class_map)).all()
     evaluation = frame["evaluations"][1]
     predicted = codecs.decode_prediction(store.get(product_key("prediction", evaluation["prediction"])))
