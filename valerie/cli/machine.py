@@ -115,7 +115,7 @@ def gc(
     as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Remove products that no run links to, with their objects, and orphaned objects."""
+    """Remove products that no run links to or keeps, and orphaned objects; beside running work."""
     with context_of(data_dir) as context:
         from valerie.pipeline.control.gc import collect
 

@@ -86,6 +86,7 @@ FRAME_COLUMNS = (
     Frame.background,
     Frame.layer,
     Frame.truth,
+    Frame.removed,
     _annotation_of_frame(AnnotationKind.VELOCITY),
     _annotation_of_frame(AnnotationKind.SCAN),
     Variant.assignment,
@@ -100,14 +101,16 @@ class StoredFrame:
         key: the frame.
         products: its picture, truth, velocities and scan.
         assignment: parameter path to value, of its variant.
+        removed: why its run no longer keeps its pictures; None: it does.
     """
 
     key: FrameKey
     products: FrameProducts
     assignment: Assignment
+    removed: str | None = None
 
     @classmethod
     def of(cls, row: Any) -> StoredFrame:
         """Read the frame from a row with the columns `FRAME_COLUMNS`."""
         products = FrameProducts(row.background, row.layer, row.truth, row.velocity, row.scan)
-        return cls(key_of(row.run_id, row), products, row.assignment)
+        return cls(key_of(row.run_id, row), products, row.assignment, row.removed)

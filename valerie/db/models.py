@@ -43,7 +43,7 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
-REVISION: Final = "release_0_1_0"
+REVISION: Final = "removed_frames"
 #: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -218,6 +218,8 @@ class Frame(Base):
     background: Mapped[str] = mapped_column(Digest)
     layer: Mapped[str] = mapped_column(Digest)
     truth: Mapped[str] = mapped_column(Digest)
+    #: Why the run no longer keeps its pictures; None: it does.
+    removed: Mapped[str | None] = mapped_column(String(64))
 
     __table_args__ = (
         ForeignKeyConstraint(

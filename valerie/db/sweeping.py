@@ -89,15 +89,16 @@ def fail_orphaned_dependents(connection: Connection, now: float) -> None:
     fail_dependents(connection, failed, now)
 
 
-def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
-    """Return products that nothing links to (frame, annotation, evaluation, a product stored over it) and no worker holds.
-
-    No other transaction writes or locks products until this one ends, so that none of these is linked meanwhile. (On SQLite,
-    no two transactions write at the same time anyway.)
-    """
+def keep_from_being_linked(connection: Connection) -> None:
+    """Let no other transaction write or lock products until this one ends. On SQLite, no two transactions write at a time."""
     if connection.dialect.name == "postgresql":
         # Not SHARE ROW EXCLUSIVE, which a transaction that has locked rows may pass, only to wait for this one later.
         connection.execute(text("LOCK TABLE products IN EXCLUSIVE MODE"))
+
+
+def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
+    """Return products that nothing links to (frame, annotation, evaluation, a product stored over it) and no worker holds."""
+    keep_from_being_linked(connection)
     rows = connection.execute(
         text(
             "SELECT digest, kind FROM products AS p WHERE p.state <> 'running'"

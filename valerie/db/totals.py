@@ -204,9 +204,10 @@ def done_digests(connection: Connection, digests: Collection[str]) -> set[str]:
     return set(connection.scalars(select(Product.digest).where(condition, Product.state == ProductState.DONE)))
 
 
-def known_digests(connection: Connection, digests: Collection[str]) -> set[str]:
-    """Return the ``digests`` that have a row, in any state."""
-    return set(connection.scalars(select(Product.digest).where(among(connection, Product.digest, digests))))
+def wanted_digests(connection: Connection, digests: Collection[str]) -> set[str]:
+    """Return the ``digests`` of products that are done, failed or to be made: those that have a row and are not parked."""
+    condition = among(connection, Product.digest, digests)
+    return set(connection.scalars(select(Product.digest).where(condition, Product.state != ProductState.PARKED)))
 
 
 def recorded_costs(connection: Connection, *, sample: int = 400) -> list[RecordedCost]:

@@ -65,7 +65,8 @@ export async function frameView({ main, key, parameters, signal }) {
         h("h1", {}, title),
         h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame"))),
       marks.place("frame", frame.id.slice(frame.run_id.length + 1), "this frame")),
-    frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}. Pictures appear when they are made.`),
+    frame.removed ? h("p", { class: "note" }, `Pictures of this frame were removed when the run completed (${frame.removed}). Its numbers stay; a run of the same spec with retention: all makes the pictures again.`)
+      : frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}. Pictures appear when they are made.`),
     h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, boxes, zoom), panes, reading, sequence, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
     variantSection(frame),

@@ -72,7 +72,7 @@ def views(engine: Engine) -> list[tuple[str, int]]:
 
 def known(engine: Engine, name: str) -> bool:
     with reading(engine) as connection:
-        return totals.known_digests(connection, [digest(name)]) == {digest(name)}
+        return totals.wanted_digests(connection, [digest(name)]) == {digest(name)}
 
 
 class TestPromote:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from valerie.db import functions, runs, sweeping, totals
+from valerie.db import functions, retention, runs, sweeping, totals
 from valerie.db.engine import reading, writing
 from valerie.errors import NotFound, StorageFull
 from valerie.pipeline.base.context import Context
@@ -26,9 +27,9 @@ class Freed:
 
 
 def collect(context: Context, *, dry_run: bool = False, now: datetime | None = None) -> Freed:
-    """Remove products that no run links to and objects that belong to nothing.
+    """Remove products that no run links to, pictures that no run keeps, and objects that belong to nothing.
 
-    Rows are removed first: a killed collector leaves objects that the next one finds, never rows without objects.
+    Rows are changed first: a killed collector leaves objects that the next one finds, never finished rows without objects.
 
     Args:
         context: context of the deployment.
@@ -43,10 +44,15 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
                 sweeping.free(connection, [product.digest for product in batch])
         removed += len(batch)
         if not dry_run:
-            context.store.delete(product_key(kind, digest) for digest, kind in batch if kind.has_object)
+            delete_unwanted(context, [product_key(kind, digest) for digest, kind in batch if kind.has_object])
         # One more round after the last products, since the statics under them have no links now.
         if dry_run or not batch:
             break
+    if dry_run:
+        with reading(context.engine) as connection:
+            removed = len({*batch, *retention.unkept(connection)})
+    else:
+        removed += _remove_unkept(context)
     objects = size = 0
     limit = (now or _store_time(context)) - _GRACE
     orphans: list[str] = []
@@ -57,9 +63,9 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
             continue
         keys[place[1]] = info.key
         if len(keys) >= _BATCH:
-            orphans += _without_rows(context, keys)
+            orphans += _unwanted(context, keys)
             keys = {}
-    orphans += _without_rows(context, keys)
+    orphans += _unwanted(context, keys)
     for info in context.store.list(RUNS.rstrip("/")):
         if info.modified <= limit and not _run_exists(context, info.key.split("/")[1]):
             orphans.append(info.key)
@@ -67,11 +73,32 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
     for key in orphans:
         objects += 1
         size += context.store.head(key).size
-        if not dry_run:
-            context.store.delete(key)
     if not dry_run:
+        for start in range(0, len(orphans), _BATCH):
+            delete_unwanted(context, orphans[start : start + _BATCH])
         context.store.remove_staging(before=limit)
     return Freed(removed, objects, size)
+
+
+def _remove_unkept(context: Context) -> int:
+    """Remove the pictures whose last keeper was deleted (`valerie.pipeline.work.retention`); return their number."""
+    removed = 0
+    while True:
+        with writing(context.engine) as connection:
+            batch = retention.park_all_unkept(connection, limit=_BATCH)
+        if not batch:
+            return removed
+        delete_unwanted(context, [product_key(kind, digest) for digest, kind in batch])
+        removed += len(batch)
+
+
+def delete_unwanted(context: Context, keys: Sequence[str]) -> None:
+    """Delete objects, but those of products that a run has linked meanwhile."""
+    places = {key: place[1] for key in keys if (place := parse_product_key(key)) is not None}
+    with writing(context.engine) as connection:
+        sweeping.keep_from_being_linked(connection)
+        wanted = totals.wanted_digests(connection, set(places.values()))
+        context.store.delete(key for key in keys if places.get(key) not in wanted)
 
 
 def _store_time(context: Context) -> datetime:
@@ -82,11 +109,11 @@ def _store_time(context: Context) -> datetime:
         return datetime.now(UTC)
 
 
-def _without_rows(context: Context, keys: dict[str, str]) -> list[str]:
-    """Return those keys, by digest, whose product has no row."""
+def _unwanted(context: Context, keys: dict[str, str]) -> list[str]:
+    """Return those keys, by digest, whose product has no row, or is parked."""
     with reading(context.engine) as connection:
-        known = totals.known_digests(connection, keys)
-    return [key for digest, key in keys.items() if digest not in known]
+        wanted = totals.wanted_digests(connection, keys)
+    return [key for digest, key in keys.items() if digest not in wanted]
 
 
 def _unregistered(context: Context, limit: datetime) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Final
 
 from sqlalchemy import Connection
 
-from valerie.db import fed_blocks, products, runs
+from valerie.db import fed_blocks, products, retention, runs
 from valerie.db.engine import database_moment, database_time, writing
 from valerie.db.statements import lock
 from valerie.errors import Conflict
@@ -108,6 +108,7 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
             runs.set_values(connection, run_id, pins=with_deadlines(pins, context.settings, now))
         _change(connection, run_id, expected=expected, state=state, finished_at=None)
         fed_blocks.reopen_blocks(connection, run_id)
+        retention.keep_all(connection, run_id)
         digests = runs.linked_digests(connection, run_id, states)
         lock(connection, digests)
         products.revive(connection, digests)

@@ -150,6 +150,7 @@ class FrameDetails(FrameSummary):
         persons: the visible persons; in a scene without persons, one with instance 0.
         evaluations: one per sensor setting and function.
         images: kind of picture to its address, through the run's first sensor setting.
+        removed: why pictures of it are gone; None: none is.
         previous, next: ids of the neighbouring frames in the order of the run.
         neighbours: of each parameter that a grid varies, and of the camera.
     """
@@ -164,6 +165,7 @@ class FrameDetails(FrameSummary):
     persons: tuple[PersonDetails, ...]
     evaluations: tuple[EvaluationDetails, ...]
     images: Mapping[str, str]
+    removed: str | None
     previous: str | None
     next: str | None
     neighbours: tuple[ParameterNeighbours, ...]
@@ -235,6 +237,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         ),
         evaluations=tuple(_evaluation(key, row, scores[row.scores], run, address) for row in evaluations),
         images={kind: address(key, kind=kind) for kind in kinds},
+        removed=None if summary.state == ProductState.DONE else frame.removed,
         previous=None if previous is None else str(previous),
         next=None if following is None else str(following),
         neighbours=neighbours,
@@ -291,7 +294,8 @@ def _evaluation(
         function=function,
         prediction=row.prediction,
         scores=row.scores,
-        state=_state((row.prediction_state, row.scores_state)),
+        # Scores stay where the prediction was removed.
+        state=_state((row.scores_state,) if row.score else (row.prediction_state, row.scores_state)),
         measures=_UNSCORED if row.score is None else row.score.figures,
         judged_by=pinned_card(run.pins, function).judged_by,
         persons=persons,

@@ -94,6 +94,11 @@ class FrameSources:
             annotation = self.annotations[kind].product
             needed.append(self.annotations[kind].state)
         missing = [state for state in needed if state != ProductState.DONE]
+        if missing and self.frame.removed is not None:
+            raise Conflict(
+                f"the picture was removed when its run completed ({self.frame.removed}); a run of the same spec with "
+                "retention: all makes it again"
+            )
         if missing:
             raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
         return ShownProducts(kind, capture, None if link is None else link.prediction, annotation)

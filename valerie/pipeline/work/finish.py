@@ -25,6 +25,7 @@ from valerie.pipeline.base.environment import environment
 from valerie.pipeline.base.pausing import pause_for_storage
 from valerie.pipeline.base.run_artifacts import ENVIRONMENT, REPORT, SUMMARY, TABLE_CSV, TABLE_PARQUET
 from valerie.pipeline.reading.reports import read_results, write_report
+from valerie.pipeline.work.retention import remove_pictures
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import RunState
 from valerie.storage.keys import run_key
@@ -114,14 +115,18 @@ def _finish(context: Context, run: RunRow, write: Writer) -> bool:
     def held(connection: Connection) -> bool:
         return processes.holds_lease(connection, _role(run.id), owner=context.owner)
 
+    def require_held(connection: Connection) -> None:
+        if not held(connection):
+            raise _OvertakenError
+
     def keep(name: str, data: bytes) -> None:
         with writing(context.engine) as connection:
-            if not held(connection):
-                raise _OvertakenError
+            require_held(connection)
         context.store.put(run_key(run.id, name), data, replace=True)
 
     try:
         write(context, run, failures, keep)
+        remove_pictures(context, run, require_held)
         state, reason = RunState.COMPLETED, None
         if failures:
             roots = [failure for failure in failures if isinstance(failure.error, Fault)]

@@ -8,10 +8,11 @@ and mappings) to this canonical form.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from enum import StrEnum
+from typing import Annotated, Any, Final, Literal, Self
 
 import yaml
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from valerie.document import Document
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
@@ -132,6 +133,21 @@ class RequirementDocument(Document):
     min_units: Annotated[int, Field(strict=True, ge=1, le=10**9)] = 1
 
 
+#: A run that keeps failures also keeps one of so many variants.
+SAMPLED: Final = 20
+
+
+class Retention(StrEnum):
+    """What a run keeps when it completes, besides all numbers and its report."""
+
+    #: Pictures, truths, annotations and predictions of every frame.
+    ALL = "all"
+    #: Those of the frames in which a person is not detected or a product failed, and of a sample of the variants.
+    FAILURES = "failures"
+    #: None.
+    NUMBERS = "numbers"
+
+
 class RunSpec(Document):
     """The definition of a validation run.
 
@@ -160,6 +176,8 @@ class RunSpec(Document):
             default they do if a run has at most a tenth as many backgrounds as frames.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
         requirements: requirements that the run is evidence for; each gets a verdict.
+        retention: what the run keeps when it completes, besides its numbers: ``all`` pictures, those of ``failures`` and of one
+            variant in 20, or only ``numbers``. What another run needs stays.
         parent_run, iteration: the run that this one refines, and the number of the iteration.
 
     Raises:
@@ -187,6 +205,7 @@ class RunSpec(Document):
     infer_backgrounds: bool | None = None
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
     requirements: Annotated[tuple[RequirementDocument, ...], Field(max_length=1000)] = ()
+    retention: Retention = Retention.ALL
     parent_run: Name | None = None
     iteration: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
 
@@ -225,6 +244,13 @@ class RunSpec(Document):
         if problems:
             raise InvalidInputs(problems)
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_what_release_0_1_0_refuses(self, dump: SerializerFunctionWrapHandler) -> JsonObject:
+        document: JsonObject = dump(self)
+        if self.retention is Retention.ALL:
+            document.pop("retention", None)
+        return document
 
     def _problems_of(self, requirement: RequirementDocument, place: str) -> list[InvalidInput]:
         problems: list[InvalidInput] = [
@@ -269,8 +295,8 @@ class RunSpec(Document):
 
     @property
     def digest(self) -> str:
-        """Digest of the whole document, the same for both notations."""
-        document = self.model_dump(mode="json")
+        """Digest of everything that the results depend on, the same for both notations."""
+        document = self.model_dump(mode="json", exclude={"retention"})
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 

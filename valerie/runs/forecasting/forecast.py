@@ -22,7 +22,7 @@ from valerie.document import Document
 from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
 from valerie.perception.base import FunctionCard
-from valerie.runs.document.run_spec import RunSpec
+from valerie.runs.document.run_spec import SAMPLED, Retention, RunSpec
 from valerie.runs.forecasting.costs import CostBasis, CostKey, CostTable
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
 from valerie.runs.products.pins import FunctionPin, Offer, Pins
@@ -194,6 +194,13 @@ def plan(
         warnings.append(
             f"{of} variants: rejections, frames and products are estimated from a sample of {sampled:,}{at}"
         )
+    stored = sum(product.bytes for product in products)
+    notes = resolved.notes
+    if resolved.spec.retention is not Retention.ALL:
+        left = "numbers and report"
+        if resolved.spec.retention is Retention.FAILURES:
+            left = f"about {stored / SAMPLED / 1e6:,.0f} MB and the frames with failures"
+        notes += (f"retention: of {stored / 1e6:,.0f} MB, {left} stay when the run completes",)
     if size and not accepted:
         warnings.append("every variant is rejected: the run would make no frame")
     return Plan(
@@ -212,7 +219,7 @@ def plan(
         products=products,
         start_cpu_seconds=start,
         cpu_seconds=round(start + sum(product.cpu_seconds for product in products), 3),
-        bytes=sum(product.bytes for product in products),
+        bytes=stored,
         cost_basis=_basis_text(products, forecast.costs),
         first=first,
         last=last,
@@ -220,7 +227,7 @@ def plan(
         estimated=extent.scale is not None,
         sample=None if extent.scale is None else sampled,
         warnings=tuple(warnings),
-        notes=resolved.notes,
+        notes=notes,
     )
 
 

@@ -1,0 +1,163 @@
+"""Pictures that a completed run does not keep are removed; the numbers and what other runs keep stay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from services.api.app import create_app
+from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
+from tests.world.serving import served
+from tests.world.world import settings_of
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.control import gc, lifecycle
+from valerie.pipeline.control.gc import collect
+from valerie.pipeline.control.planning import plan_run
+from valerie.pipeline.reading.frame_details import list_frames
+from valerie.runs.resolving.spec import parse
+
+PLACES = ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 10.0]
+
+
+def document(**more: Any) -> dict[str, Any]:
+    return spec("kept", vary=[PLACES], functions=[FUNCTIONS[0]], cameras=["camera-1"], **more)
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> DrawnWorld:
+    return DrawnWorld(settings_of(tmp_path))
+
+
+@pytest.fixture
+def api(world: DrawnWorld) -> Iterator[httpx.Client]:
+    with served(create_app(world.settings, control=False)) as client:
+        yield client
+
+
+def objects(world: DrawnWorld) -> set[str]:
+    return {info.key for info in world.context.store.list("products") if "/statics/" not in info.key}
+
+
+def states(world: DrawnWorld, run: str) -> list[str]:
+    return [frame.state for frame in list_frames(world.context, run, after=None, limit=100)]
+
+
+def rows(api: httpx.Client, run: str) -> list[dict[str, object]]:
+    items = api.get(f"/v1/runs/{run}/evaluations").raise_for_status().json()["items"]
+    return [{name: value for name, value in item.items() if "frame" not in name and name != "run_id"} for item in items]
+
+
+def test_a_run_that_keeps_numbers_has_them_and_its_frames_say_why_there_is_no_picture(
+    world: DrawnWorld, api: httpx.Client
+) -> None:
+    everything = world.work(document())
+    numbers = rows(api, everything)
+    lifecycle.delete(world.context, everything)
+    collect(world.context)
+    assert objects(world) == set()
+    run = world.work(document(retention="numbers"))
+    assert world.state(run) == "completed"
+    assert objects(world) == set()
+    assert rows(api, run) == numbers
+    frame = api.get(f"/v1/runs/{run}/frames").json()["items"][0]["id"]
+    detail = api.get(f"/v1/frames/{frame}").json()
+    assert detail["removed"] == "retention: numbers"
+    assert detail["evaluations"][0]["state"] == "done"
+    assert detail["evaluations"][0]["miou"] is not None
+    for kind in ("picture", "truth", "prediction"):
+        answer = api.get(f"/v1/frames/{frame}/image", params={"kind": kind})
+        assert answer.status_code == 409
+        assert "removed when its run completed (retention: numbers)" in answer.json()["detail"]
+    assert "<html" in api.get(f"/v1/runs/{run}/report").text
+    assert collect(world.context).products == 0, "the numbers are of products that the run links to"
+
+
+def test_a_run_that_keeps_failures_keeps_the_frames_of_missed_persons_and_a_sample(
+    world: DrawnWorld, api: httpx.Client
+) -> None:
+    everything = world.work(document())
+    scores = [row["pacc"] for row in rows(api, everything)]
+    bound = sorted(score for score in scores if isinstance(score, float))[1]
+    lifecycle.delete(world.context, everything)
+    collect(world.context)
+    run = world.work(document(retention="failures", detection_threshold=bound))
+    kept = [state == "done" for state in states(world, run)]
+    # None of the four variants is in the sample: zlib.crc32(b"0") … crc32(b"3") are 9, 3, 17 and 11 modulo 20.
+    assert kept == [isinstance(score, float) and score < bound for score in scores]
+    assert sum(kept) == 1
+
+
+def test_what_another_run_keeps_stays_whichever_ends_first(world: DrawnWorld) -> None:
+    keeper = world.work(document())
+    stored = objects(world)
+    first = world.work(document(retention="numbers", description="first"))
+    assert objects(world) == stored
+    assert set(states(world, keeper)) == set(states(world, first)) == {"done"}
+    lifecycle.delete(world.context, keeper)
+    world.work(document(retention="numbers", description="second"))
+    assert objects(world) == set(), "neither of the runs that are left keeps them"
+
+
+def test_what_nobody_keeps_after_a_deletion_is_collected_and_its_numbers_stay(
+    world: DrawnWorld, api: httpx.Client
+) -> None:
+    keeper = world.work(document())
+    run = world.work(document(retention="numbers"))
+    numbers = rows(api, run)
+    lifecycle.delete(world.context, keeper)
+    stored = len(objects(world))
+    assert collect(world.context, dry_run=True).products == stored
+    assert collect(world.context).products == stored
+    assert objects(world) == set()
+    assert (rows(api, run), set(states(world, run))) == (numbers, {"parked"})
+
+
+def test_what_a_run_links_while_it_is_collected_stays(world: DrawnWorld, monkeypatch: pytest.MonkeyPatch) -> None:
+    lifecycle.delete(world.context, world.work(document()))
+    stored, delete = objects(world), gc.delete_unwanted
+    later: list[str] = []
+
+    def link_first(context: Context, keys: Sequence[str]) -> None:
+        if not later:
+            later.append(world.work(document()))
+        delete(context, keys)
+
+    monkeypatch.setattr(gc, "delete_unwanted", link_first)
+    gc.collect(world.context, now=datetime.now(UTC) + timedelta(hours=2))
+    assert (objects(world), set(states(world, later[0]))) == (stored, {"done"})
+
+
+def test_a_later_run_makes_the_removed_pictures_again_and_its_plan_counts_them(world: DrawnWorld) -> None:
+    world.work(document(retention="numbers"))
+    later = document()
+    assert plan_run(world.context, parse(later)).renders == 9  # a background, four layers, four truths
+    world.made()
+    run = world.work(later)
+    assert world.made() == {"background": 1, "layer": 4, "truth": 4, "prediction": 4}
+    assert set(states(world, run)) == {"done"}
+
+
+def test_a_retry_makes_all_again_and_removes_them_at_the_end(world: DrawnWorld) -> None:
+    broken = [True]
+    run = world.work(
+        document(retention="numbers"),
+        broken=lambda job: job.kind == "layer" and job.frame.key.variant == 2 and broken[0],
+    )
+    assert (world.state(run), objects(world)) == ("completed-with-failures", set())
+    broken.clear()
+    broken.append(False)
+    lifecycle.retry(world.context, run)
+    assert world.run(run) == "completed"
+    assert objects(world) == set()
+
+
+def test_the_plan_says_what_stays_and_the_digest_of_the_results_is_the_same(world: DrawnWorld) -> None:
+    plans = [plan_run(world.context, parse(document(retention=kept))) for kept in ("all", "failures", "numbers")]
+    assert len({plan.spec_digest for plan in plans}) == 1
+    assert [[note.startswith("retention: of ") for note in plan.notes[-1:]] for plan in plans[1:]] == [[True], [True]]
+    assert "numbers and report stay" in plans[2].notes[-1]

@@ -1,0 +1,58 @@
+"""At the end of a run, remove the pictures that its spec does not keep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+from zlib import crc32
+
+import structlog
+from sqlalchemy import Connection
+
+from valerie.db import retention
+from valerie.db.engine import writing
+from valerie.db.runs import RunRow
+from valerie.pipeline.base.context import Context
+from valerie.runs.document.run_spec import SAMPLED, Retention
+from valerie.runs.products.frame_keys import FrameKey
+from valerie.storage.keys import product_key
+
+log = structlog.get_logger()
+
+#: Variants of one transaction, during which no product is published.
+_VARIANTS: Final = 50
+
+
+def remove_pictures(context: Context, run: RunRow, require_held: Callable[[Connection], None]) -> None:
+    """Remove pictures, truths, annotations and predictions of the frames that the run does not keep, and no other run does.
+
+    Repeating it changes nothing. A killed process may leave products whose objects are gone; the next call finds them.
+
+    Args:
+        context: of this process.
+        run: whose products are all done or failed.
+        require_held: raises if another process finishes the run.
+    """
+    if run.spec.retention is Retention.ALL:
+        return
+    removed = 0
+    for first in range(0, run.next_index, _VARIANTS):
+        last = first + _VARIANTS - 1
+        with writing(context.engine) as connection:
+            require_held(connection)
+            frames = retention.kept_frames(connection, run.id, first, last)
+            if run.spec.retention is Retention.FAILURES:
+                threshold = run.spec.detection_threshold
+                frames -= retention.failing_frames(connection, run.id, first, last, threshold=threshold)
+                frames = {frame for frame in frames if not _sampled(frame)}
+            retention.mark_removed(connection, frames, f"retention: {run.spec.retention}")
+            unkept = retention.park_unkept(connection, run.id, first, last)
+            # Before the commit: once they are parked, another run may make them again.
+            context.store.delete(product_key(kind, digest) for digest, kind in unkept)
+        removed += len(unkept)
+    log.info("finish.removed", run=run.id, products=removed)
+
+
+def _sampled(frame: FrameKey) -> bool:
+    # A checksum, since steps of the index may be those of a grid.
+    return crc32(b"%d" % frame.variant) % SAMPLED == 0
