@@ -73,33 +73,31 @@ def park_unkept(connection: Connection, run_id: str, first: int, last: int) -> l
         select(column).where(table.run_id == run_id, table.variant_index.between(first, last))
         for table, column in _LINKS
     )
-    keep_from_being_linked(connection)
-    return _park(connection, unkept(connection, Product.digest.in_(union(*of_variants))))
+    return _park(connection, Product.digest.in_(union(*of_variants)))
 
 
-def park_all_unkept(connection: Connection, *, limit: int) -> list[Unlinked]:
-    """Park up to ``limit`` products of any run as `park_unkept` does: the run that kept them was deleted."""
-    keep_from_being_linked(connection)
-    return _park(connection, unkept(connection, limit=limit))
+def park_still_unkept(connection: Connection, digests: Collection[str]) -> list[Unlinked]:
+    """Park those of some products that are `unkept` now, as `park_unkept` does."""
+    return _park(connection, among(connection, Product.digest, digests))
 
 
-def unkept(connection: Connection, *conditions: ColumnElement[bool], limit: int | None = None) -> list[Unlinked]:
+def unkept(connection: Connection, *conditions: ColumnElement[bool]) -> list[Unlinked]:
     """Return stored products, which meet the conditions, that no frame links to which its run keeps."""
     rows = connection.execute(
-        select(Product.digest, Product.kind)
-        .where(
+        select(Product.digest, Product.kind).where(
             Product.state == ProductState.DONE,
             Product.kind.not_in(_STAYING),
             Product.route != UPLOADED_ROUTE,  # nobody could make it again
             *conditions,
             *(~_kept_by(table, column) for table, column in _LINKS),
         )
-        .limit(limit)
     )
     return [Unlinked(*row) for row in rows]
 
 
-def _park(connection: Connection, products: list[Unlinked]) -> list[Unlinked]:
+def _park(connection: Connection, condition: ColumnElement[bool]) -> list[Unlinked]:
+    keep_from_being_linked(connection)
+    products = unkept(connection, condition)
     parked = among(connection, Product.digest, [product.digest for product in products])
     connection.execute(update(Product).where(parked).values(state=ProductState.PARKED))
     return products

@@ -48,11 +48,12 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
         # One more round after the last products, since the statics under them have no links now.
         if dry_run or not batch:
             break
+    with reading(context.engine) as connection:
+        unkept = retention.unkept(connection)
     if dry_run:
-        with reading(context.engine) as connection:
-            removed = len({*batch, *retention.unkept(connection)})
+        removed = len({*batch, *unkept})
     else:
-        removed += _remove_unkept(context)
+        removed += _remove_unkept(context, [product.digest for product in unkept])
     objects = size = 0
     limit = (now or _store_time(context)) - _GRACE
     orphans: list[str] = []
@@ -80,16 +81,15 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
     return Freed(removed, objects, size)
 
 
-def _remove_unkept(context: Context) -> int:
+def _remove_unkept(context: Context, digests: Sequence[str]) -> int:
     """Remove the pictures whose last keeper was deleted (`valerie.pipeline.work.retention`); return their number."""
     removed = 0
-    while True:
+    for start in range(0, len(digests), _BATCH):
         with writing(context.engine) as connection:
-            batch = retention.park_all_unkept(connection, limit=_BATCH)
-        if not batch:
-            return removed
-        delete_unwanted(context, [product_key(kind, digest) for digest, kind in batch])
-        removed += len(batch)
+            parked = retention.park_still_unkept(connection, digests[start : start + _BATCH])
+        delete_unwanted(context, [product_key(kind, digest) for digest, kind in parked])
+        removed += len(parked)
+    return removed
 
 
 def delete_unwanted(context: Context, keys: Sequence[str]) -> None:
