@@ -127,10 +127,12 @@ class Frame(_Read):
     Attributes:
         id: run.variant.camera.time.
         state: state of its products.
+        removed: why its pictures are gone since its run completed; None: they are not.
     """
 
     id: str
     state: str
+    removed: str | None = None
 
 
 class FailureError(_Read):

@@ -58,11 +58,14 @@ def export(
         kinds = annotation_names(annotations)
         if kinds is None:
             kinds = source.annotations(run_id)
-        written, existing, missing = 0, 0, Counter[str]()
+        written, existing, missing, removed = 0, 0, Counter[str](), Counter[str]()
         folder.mkdir(parents=True, exist_ok=True)
         for frame in source.frames(run_id):
             if frame.state != ProductState.DONE:
-                missing["failed" if frame.state == ProductState.FAILED else "not rendered yet"] += 1
+                if frame.removed is not None:
+                    removed[f"removed ({frame.removed})"] += 1
+                else:
+                    missing["failed" if frame.state == ProductState.FAILED else "not rendered yet"] += 1
                 continue
             try:
                 new = _fetch(source, frame.id, folder, sensor, kinds)
@@ -72,7 +75,7 @@ def export(
                 missing[f"without all annotations ({error})"] += 1
                 continue
             written, existing = written + new, existing + (not new)
-    rest = [f"{count:,} {reason}" for reason, count in missing.items()]
+    rest = [f"{count:,} {reason}" for reason, count in (missing + removed).items()]
     frames = "frame" if written == 1 else "frames"
     typer.echo(f"{folder}: {', '.join([f'{written:,} {frames} written', f'{existing:,} already there', *rest])}")
     if missing:

@@ -98,7 +98,7 @@ class Folder:
 
         after: FrameKey | None = None
         while page := list_frames(self._context, run_id, after=after, limit=_PAGE):
-            yield from (Frame(id=frame.id, state=frame.state) for frame in page)
+            yield from (Frame(id=one.id, state=one.state, removed=one.removed) for one in page)
             after = FrameKey.parse(page[-1].id)
 
     def picture(self, frame_id: str, *, sensor: str | None = None) -> bytes:

@@ -45,6 +45,7 @@ class FrameRead(Read):
     layer: Digest
     truth: Digest
     state: str = Field(description=_STATE, examples=["done"])
+    removed: str | None = Field(description="why pictures of it are gone since its run completed; null: none is")
 
 
 class FramePage(Read):
@@ -124,7 +125,6 @@ class FrameDetail(FrameRead):
         description="kind of picture to its address, with the run's first sensor setting",
         examples=[{"picture": f"{_IMAGE}?kind=picture", "depth": f"{_IMAGE}?kind=depth"}],
     )
-    removed: str | None = Field(description="why pictures of it are gone since its run completed; null: none is")
     previous: str | None = Field(
         description="frame before this one in the order of variants and cameras", examples=[f"{RUN_ID}.4.2.0"]
     )

@@ -32,10 +32,8 @@ from valerie.pipeline.evidence.contents import (
     SPEC,
     FrameEntry,
     FrameList,
-    NamedFrame,
     ResultDigests,
     RunFacts,
-    named_frames,
 )
 from valerie.pipeline.evidence.crate import write_crate
 from valerie.pipeline.evidence.error_models import stored_error_models, table_digest
@@ -51,6 +49,7 @@ from valerie.pipeline.evidence.evidence_manifest import (
 from valerie.pipeline.evidence.signing import read_private_key, sign
 from valerie.pipeline.export.folder import require_free_name, require_room
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
+from valerie.pipeline.reading.named_frames import NamedFrame, named_frames
 from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.reports import read_odd
 from valerie.pipeline.reading.selection import function_index, sensor_index

@@ -50,6 +50,7 @@ class FrameSummary:
         time_s: moment of the frame in seconds; 0 in a run without time.
         background, layer, truth: digests.
         state: ``done``, ``failed``, or the state of the slowest product.
+        removed: why pictures of it are gone; None: none is.
     """
 
     id: str
@@ -61,6 +62,7 @@ class FrameSummary:
     layer: str
     truth: str
     state: str
+    removed: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +152,6 @@ class FrameDetails(FrameSummary):
         persons: the visible persons; in a scene without persons, one with instance 0.
         evaluations: one per sensor setting and function.
         images: kind of picture to its address, through the run's first sensor setting.
-        removed: why pictures of it are gone; None: none is.
         previous, next: ids of the neighbouring frames in the order of the run.
         neighbours: of each parameter that a grid varies, and of the camera.
     """
@@ -165,7 +166,6 @@ class FrameDetails(FrameSummary):
     persons: tuple[PersonDetails, ...]
     evaluations: tuple[EvaluationDetails, ...]
     images: Mapping[str, str]
-    removed: str | None
     previous: str | None
     next: str | None
     neighbours: tuple[ParameterNeighbours, ...]
@@ -218,6 +218,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         layer=summary.layer,
         truth=summary.truth,
         state=summary.state,
+        removed=summary.removed,
         run_id=key.run_id,
         width=resolved.spec.resolution.width,
         height=resolved.spec.resolution.height,
@@ -237,7 +238,6 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         ),
         evaluations=tuple(_evaluation(key, row, scores[row.scores], run, address) for row in evaluations),
         images={kind: address(key, kind=kind) for kind in kinds},
-        removed=None if summary.state == ProductState.DONE else frame.removed,
         previous=None if previous is None else str(previous),
         next=None if following is None else str(following),
         neighbours=neighbours,
@@ -271,6 +271,7 @@ def _neighbours(connection: Connection, key: FrameKey, resolved: ResolvedRun) ->
 
 
 def _summary(frame: StoredFrame, states: Iterable[ProductState], resolved: ResolvedRun) -> FrameSummary:
+    state = _state(states)
     return FrameSummary(
         id=str(frame.key),
         variant_index=frame.key.variant,
@@ -280,7 +281,8 @@ def _summary(frame: StoredFrame, states: Iterable[ProductState], resolved: Resol
         background=frame.products.background,
         layer=frame.products.layer,
         truth=frame.products.truth,
-        state=_state(states),
+        state=state,
+        removed=None if state == ProductState.DONE else frame.removed,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Final
 from zlib import crc32
 
+import orjson
 import structlog
 from sqlalchemy import Connection
 
@@ -13,9 +14,11 @@ from valerie.db import retention
 from valerie.db.engine import writing
 from valerie.db.runs import RunRow
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.run_artifacts import SUMMARY
+from valerie.pipeline.reading.named_frames import named_frames
 from valerie.runs.document.run_spec import SAMPLED, Retention
 from valerie.runs.products.frame_keys import FrameKey
-from valerie.storage.keys import product_key
+from valerie.storage.keys import product_key, run_key
 
 log = structlog.get_logger()
 
@@ -35,6 +38,7 @@ def remove_pictures(context: Context, run: RunRow, require_held: Callable[[Conne
     """
     if run.spec.retention is Retention.ALL:
         return
+    shown = set() if run.spec.retention is Retention.NUMBERS else _shown(context, run.id)
     removed = 0
     for first in range(0, run.next_index, _VARIANTS):
         last = first + _VARIANTS - 1
@@ -44,13 +48,19 @@ def remove_pictures(context: Context, run: RunRow, require_held: Callable[[Conne
             if run.spec.retention is Retention.FAILURES:
                 threshold = run.spec.detection_threshold
                 frames -= retention.failing_frames(connection, run.id, first, last, threshold=threshold)
-                frames = {frame for frame in frames if not _sampled(frame)}
+                frames = {frame for frame in frames - shown if not _sampled(frame)}
             retention.mark_removed(connection, frames, f"retention: {run.spec.retention}")
             unkept = retention.park_unkept(connection, run.id, first, last)
             # Before the commit: once they are parked, another run may make them again.
             context.store.delete(product_key(kind, digest) for digest, kind in unkept)
         removed += len(unkept)
     log.info("finish.removed", run=run.id, products=removed)
+
+
+def _shown(context: Context, run_id: str) -> set[FrameKey]:
+    """Return the examples of findings and verdicts, which the run's evidence contains."""
+    summary = orjson.loads(context.store.get(run_key(run_id, SUMMARY)))
+    return {frame.key for frame in named_frames([summary["findings"], summary["verdicts"]])}
 
 
 def _sampled(frame: FrameKey) -> bool:

@@ -142,7 +142,8 @@ class Retention(StrEnum):
 
     #: Pictures, truths, annotations and predictions of every frame.
     ALL = "all"
-    #: Those of the frames in which a person is not detected or a product failed, and of a sample of the variants.
+    #: Those of the frames in which a person is not detected or a product failed, of examples in findings and verdicts, and of a
+    #: sample of the variants.
     FAILURES = "failures"
     #: None.
     NUMBERS = "numbers"
@@ -176,8 +177,8 @@ class RunSpec(Document):
             default they do if a run has at most a tenth as many backgrounds as frames.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
         requirements: requirements that the run is evidence for; each gets a verdict.
-        retention: what the run keeps when it completes, besides its numbers: ``all`` pictures, those of ``failures`` and of one
-            variant in 20, or only ``numbers``. What another run needs stays.
+        retention: what the run keeps when it completes, besides its numbers: ``all`` pictures, those of ``failures``, of
+            examples in the report and of one variant in 20, or only ``numbers``. What another run needs stays.
         parent_run, iteration: the run that this one refines, and the number of the iteration.
 
     Raises:

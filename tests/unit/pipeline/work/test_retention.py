@@ -9,15 +9,18 @@ from typing import Any
 
 import httpx
 import pytest
+from typer.testing import CliRunner
 
 from services.api.app import create_app
 from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
+from valerie.cli.main import app
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.gc import collect
 from valerie.pipeline.control.planning import plan_run
+from valerie.pipeline.evidence.exporting import export_evidence
 from valerie.pipeline.reading.frame_details import list_frames
 from valerie.runs.resolving.spec import parse
 
@@ -44,7 +47,7 @@ def objects(world: DrawnWorld) -> set[str]:
 
 
 def states(world: DrawnWorld, run: str) -> list[str]:
-    return [frame.state for frame in list_frames(world.context, run, after=None, limit=100)]
+    return [frame.state for frame in list_frames(world.context, run, after=None, limit=1000)]
 
 
 def rows(api: httpx.Client, run: str) -> list[dict[str, object]]:
@@ -161,3 +164,18 @@ def test_the_plan_says_what_stays_and_the_digest_of_the_results_is_the_same(worl
     assert len({plan.spec_digest for plan in plans}) == 1
     assert [[note.startswith("retention: of ") for note in plan.notes[-1:]] for plan in plans[1:]] == [[True], [True]]
     assert "numbers and report stay" in plans[2].notes[-1]
+
+
+def test_an_export_of_frames_counts_those_that_were_removed(world: DrawnWorld, tmp_path: Path) -> None:
+    run = world.work(document(retention="numbers"))
+    place = ["--data-dir", str(world.settings.data_dir)]
+    shown = CliRunner().invoke(app, ["frames", "export", run, str(tmp_path / "frames"), *place]).output
+    assert "0 frames written, 0 already there, 4 removed (retention: numbers)" in shown
+    assert "run the same command later" not in shown
+
+
+def test_a_run_that_keeps_failures_keeps_what_its_evidence_shows(world: DrawnWorld, tmp_path: Path) -> None:
+    run = world.work(spec("kept", retention="failures", detection_threshold=0.001))
+    evidence = export_evidence(world.context, run, tmp_path / "evidence")
+    kept = states(world, run)
+    assert 0 < evidence.frames <= kept.count("done") < len(kept)
