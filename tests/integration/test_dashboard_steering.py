@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 pytestmark = [pytest.mark.browser, pytest.mark.processes, pytest.mark.gl, pytest.mark.timeout(600)]
 #: Time for the first preview of a street on a busy machine, milliseconds.
 PREVIEW_MS = 120_000
+#: The button of a document whose plan is known and has no problem.
+SURE = "button.primary:enabled:not([aria-busy])"
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +85,7 @@ def begin(page: Page, text: str) -> None:
 
 def write(page: Page, text: str) -> None:
     page.fill("#spec", text)
-    page.wait_for_selector("button.primary:not([disabled]), .problems")
+    page.wait_for_selector(f"{SURE}, .problems")
 
 
 def fill(page: Page, name: str, text: str) -> None:
@@ -109,7 +111,7 @@ def test_a_run_is_submitted_from_the_form_watched_zoomed_and_reported(page: Page
     page.fill("#f-name", "from the form")
     page.keyboard.press("Tab")
     page.wait_for_selector(".facts.plan dd:text-is('8')", timeout=30_000)
-    page.wait_for_selector("button.primary:not([disabled])")
+    page.wait_for_selector(SURE)
     page.wait_for_selector(".previews img", timeout=PREVIEW_MS)
     page.select_option("#priority", "high")
     page.click("text=Submit run")
@@ -176,7 +178,7 @@ def test_sensors_and_requirements_are_written_by_the_form_and_read_from_the_text
     page.select_option("[id='f-requirements.0.statistic.score']", "iou")
     fill(page, "f-requirements.0.statistic.bound", "0.25")
     page.wait_for_function("() => document.querySelector('#spec').value.includes('0.25')")
-    page.wait_for_selector("button.primary:not([disabled])")
+    page.wait_for_selector(SURE)
     shown = page.input_value("#spec")
     assert shown.startswith("name: with demands  # mine\n")
     document = yaml.safe_load(shown)
@@ -210,7 +212,7 @@ def test_what_the_text_says_of_sensors_and_requirements_is_in_the_form_and_a_pro
     assert page.input_value("[id='f-requirements.0.statistic.bound']") == "90 %"
     assert page.input_value("[id='f-requirements.1.statistic']") == "median(pacc)"
     page.click("[aria-label='Remove the requirement R-2']")
-    page.wait_for_selector("button.primary:not([disabled])")
+    page.wait_for_selector(SURE)
     page.select_option("#f-sensors", "fixed")
     page.wait_for_selector("[id='f-sensors.0.gain_db']", state="detached")
     document = yaml.safe_load(page.input_value("#spec"))
@@ -228,8 +230,51 @@ def test_the_light_is_set_by_one_click_and_a_fixed_exposure_meters_without_the_d
     document = yaml.safe_load(page.input_value("#spec"))
     assert document["constants"] == {"sun-1.elevation": -3}
     assert "sensors" not in document
+    assert "The camera meters now" in page.inner_text("#toasts")
     page.click("[aria-label=Light] button:text-is('Day')")
-    page.wait_for_function("() => document.querySelector('#spec').value.includes('sun-1.elevation: 35')")
+    page.wait_for_selector("[aria-label=Light] [aria-pressed=true]:text-is('Day')")
+    document = yaml.safe_load(page.input_value("#spec"))
+    assert document["sensors"] == [{"auto_exposure": False}]
+    assert "constants" not in document, "the elevation was the asset's"
+
+
+def test_a_click_on_submit_that_ends_the_typing_in_a_field_submits_what_was_typed(
+    page: Page, api: httpx.Client
+) -> None:
+    begin(page, f"name: one\nasset: {ASSET}\nresolution: {{width: 64, height: 36}}\n")
+    page.wait_for_selector(SURE)
+    page.fill("#f-name", "by one click")
+    page.click("text=Submit run")
+    page.wait_for_url("**#/runs/*")
+    assert run_named(api, "by one click")
+    page.go_back()
+    write(page, f"name: wrong\nasset: {ASSET}\n")
+    page.wait_for_selector(SURE)
+    page.fill("[id='f-resolution.width']", "3")
+    page.click("text=Submit run")
+    page.wait_for_selector(".problems")
+    assert page.locator("text=Submit run").is_disabled()
+    assert "#/new" in page.url
+
+
+def test_an_edited_document_of_a_run_waits_at_its_address_until_it_is_begun_again(page: Page) -> None:
+    page.click("a:text-is('finished')")
+    page.click("a:text-is('Clone')")
+    page.wait_for_selector(SURE)
+    fill(page, "f-name", "a thought")
+    page.wait_for_selector(SURE)
+    page.go_back()
+    page.wait_for_selector("h1:text-is('finished')")
+    page.click("a:text-is('Clone')")
+    page.wait_for_selector(SURE)
+    assert page.input_value("#f-name") == "a thought"
+    page.click("text=Start over")
+    page.click("dialog button.primary")
+    page.wait_for_function("() => document.querySelector('#f-name').value === 'finished'")
+    page.wait_for_selector(SURE)
+    page.reload()
+    page.wait_for_selector(SURE)
+    assert page.input_value("#f-name") == "finished"
 
 
 def test_constraints_are_written_one_to_a_line_and_a_wrong_one_is_named(page: Page) -> None:
@@ -310,12 +355,12 @@ def test_an_edited_run_is_a_child_and_the_lineage_leads_from_one_to_the_other(pa
     parent = run_named(api, "finished")
     page.click("a:text-is('finished')")
     page.click("a:has-text('Edit and rerun')")
-    page.wait_for_selector("button.primary:not([disabled])")
+    page.wait_for_selector(SURE)
     assert f"parent_run: {parent}\niteration: 1" in page.input_value("#spec")
     page.fill("#f-name", "edited")
     page.keyboard.press("Tab")
     page.wait_for_function("() => document.querySelector('#spec').value.includes('name: edited')")
-    page.wait_for_selector("button.primary:not([disabled])")
+    page.wait_for_selector(SURE)
     page.click("text=Submit run")
     page.wait_for_selector(".lineage a[aria-current]:has-text('edited')")
     page.focus(".lineage a:has-text('finished')")
@@ -326,7 +371,7 @@ def test_an_edited_run_is_a_child_and_the_lineage_leads_from_one_to_the_other(pa
 def test_a_cloned_run_has_the_same_spec_and_no_parent(page: Page, api: httpx.Client) -> None:
     page.click("a:text-is('finished')")
     page.click("a:text-is('Clone')")
-    page.wait_for_selector("button.primary:not([disabled])")
+    page.wait_for_selector(SURE)
     page.wait_for_selector(f".note:has-text('run {run_named(api, 'finished')} has this spec already')")
     page.click("text=Submit run")
     page.wait_for_selector("h1:text-is('finished')")

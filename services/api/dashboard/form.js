@@ -1,6 +1,6 @@
 // A spec as a form: general fields, and each of the asset's parameters varied, constant or left alone.
 import { limits, reach } from "./completion.js";
-import { h, put } from "./dom.js";
+import { h, put, toast } from "./dom.js";
 import { fieldChange, labelled, problemsAt, read } from "./fields.js";
 import { short } from "./format.js";
 import { LIGHTS, lightTitle } from "./light.js";
@@ -37,6 +37,7 @@ export function specForm({ change, catalog }) {
   let edited = null; // the field in which somebody types; it must not be replaced meanwhile
   let later = null; // what is to be shown when that ends
   let used = new Set();
+  const day = {}; // what Dusk or Night took away, so that Day brings it back
 
   const offer = () => {
     const text = search.value.trim().toLowerCase();
@@ -69,7 +70,7 @@ export function specForm({ change, catalog }) {
       put(requirements, [fields.requirements, [...problems]], requirementFields(fields.requirements, catalog.scores, change, problems));
       const entries = draft.several_blocks ? [] : entriesOf(draft, asset);
       used = new Set(entries.map((one) => one.parameter?.path));
-      put(light, [entries, fields.sensors, asset?.digest], draft.several_blocks ? null : lightButtons(fields, asset, entries, change));
+      put(light, [entries, fields.sensors, asset?.digest], draft.several_blocks ? null : lightButtons(fields, asset, entries, change, day));
       put(rows, [entries, [...problems]], entries.map((one) => parameterRow(one, change, problems)));
       rows.hidden = adding.hidden = draft.several_blocks;
       blocks.hidden = !draft.several_blocks;
@@ -91,14 +92,27 @@ function entriesOf(draft, asset) {
 }
 
 // Buttons that make the sun's elevation constant, if the asset has one sun. A fixed exposure is black without the day.
-function lightButtons({ sensors }, asset, entries, change) {
+function lightButtons({ sensors }, asset, entries, change, day) {
   const suns = (asset?.parameters ?? []).filter((one) => /\bsun\b.*\.elevation$/.test(one.path));
   if (suns.length !== 1) return null;
   const [sun] = suns, entry = entries.find((one) => one.parameter === sun);
   const at = entry?.way === "constant" ? Number.parseFloat(entry.document.value) : entry ? NaN : sun.default;
-  const set = ({ usual, low }) => change([
-    { kind: "parameter", parameter: entry?.name ?? sun.name, constant: usual },
-    ...(low < LIGHTS.Day.low && fixedExposure(sensors) ? [fieldChange("sensors", null)] : [])]);
+  const treat = (treatment) => ({ kind: "parameter", parameter: entry?.name ?? sun.name, ...treatment });
+  const present = !entry ? {} : entry.way === "constant" ? { constant: entry.document.value } : { vary: { ...entry.document, parameter: undefined } };
+  const set = ({ usual, low }) => {
+    if (low === LIGHTS.Day.low) {
+      change([treat(day.sun ?? { constant: usual }), ...(day.sensors && !sensors ? [fieldChange("sensors", day.sensors)] : [])]);
+      day.sun = day.sensors = null;
+      return;
+    }
+    if (!(at < LIGHTS.Day.low)) day.sun = present;
+    const fixed = fixedExposure(sensors);
+    if (fixed) {
+      day.sensors = sensors;
+      toast("The camera meters now: with a fixed exposure, pictures without daylight are black. Day brings the fixed exposure back.");
+    }
+    change([treat({ constant: usual }), ...(fixed ? [fieldChange("sensors", null)] : [])]);
+  };
   return h("div", { class: "segments", role: "group", "aria-label": "Light" }, Object.entries(LIGHTS).filter(([, { usual }]) => usual >= (sun.minimum ?? usual) && usual <= (sun.maximum ?? usual)).map(([label, range]) =>
     h("button", { type: "button", title: `${short(sun.name)} ${range.usual}° (${lightTitle(range)})${range.low < LIGHTS.Day.low ? "; the camera meters" : ""}`, "aria-pressed": String(at >= range.low && at < range.high), on: { click: () => set(range) } }, label)));
 }

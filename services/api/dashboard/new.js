@@ -3,13 +3,14 @@ import { get, post, postSpec } from "./api.js";
 import { confirm, h, put, toast } from "./dom.js";
 import { bytes, count, duration, plural, value } from "./format.js";
 import { editor } from "./editor.js";
+import { fieldChange } from "./fields.js";
 import { specForm } from "./form.js";
 import { may, role } from "./role.js";
 
 const TYPING = 350; // a pause in typing, milliseconds
 const LOOKING = 700; // a longer one, before pictures are rendered
 const SCORES = new Set(["person score", "frame score"]); // sources of what a requirement may bound
-const KEPT = "valerie-draft"; // of this tab, so that a look at another page loses nothing
+const KEPT = "valerie-draft"; // of this tab and address, so that a look at another page loses nothing
 //: Runs that a selection of Explore leads to: title and what it does.
 export const CHILDREN = {
   range: ["Refine here", "Draws variants from the ranges of the selected rows."],
@@ -33,6 +34,8 @@ export async function newView({ main, parameters, signal }) {
   let asset = null;
   let draft = null;
   let sure = false; // the plan of this very text has no problem
+  let wanted = false; // Submit was clicked before that was known
+  let begun; // the document before any edit; null: unknown, since an edited one was kept
   let round = null; // the present round of questions; a newer one ends it
   let pending = []; // changes of the form that the text does not have yet
   let timer = null;
@@ -46,36 +49,42 @@ export async function newView({ main, parameters, signal }) {
   const text = editor({
     label: "Spec as YAML",
     known: () => ({ schema, names: { ...catalog, cameras: asset?.cameras ?? [], parameters: asset?.parameters ?? [] } }),
-    changed: () => { sure = false; submit.disabled = true; round?.abort(); later(); },
+    changed: () => { unsure(); round?.abort(); later(); },
   });
   const form = specForm({ catalog, change: (changes) => refresh(changes) });
 
   const later = () => { clearTimeout(timer); timer = setTimeout(() => refresh(), TYPING); };
-  const keep = () => sessionStorage.setItem(KEPT, text.text);
+  // A click on Submit takes the focus from a field, whose change begins a new plan: the button waits for it instead of losing the click.
+  const unsure = () => { sure = wanted = false; submit.setAttribute("aria-busy", "true"); };
+  const known = (good) => { sure = good; submit.disabled = !good; submit.removeAttribute("aria-busy"); };
+  const kept = `${KEPT} ${location.hash}`;
+  const keep = () => (text.text === begun ? sessionStorage.removeItem(kept) : sessionStorage.setItem(kept, text.text));
   const refresh = async (changes = []) => {
     clearTimeout(timer);
+    timer = null;
     round?.abort();
     pending.push(...changes);
     const sent = pending.length;
     const mine = round = new AbortController();
     const options = { signal: AbortSignal.any([signal, mine.signal]) };
-    sure = false;
-    submit.disabled = true;
+    unsure();
     try {
       draft = await post("/v1/draft", { text: text.text, changes: pending }, options);
       pending = pending.slice(sent);
       text.text = draft.text;
+      if (begun === undefined) begun = draft.text;
       keep();
       asset = await assetOf(draft.fields.asset).catch(() => null);
       const plan = await postSpec("/v1/plan", draft.text, options);
       show([], plan);
-      sure = true;
-      submit.disabled = false;
       pictures.soon(draft, plan);
+      known(true);
+      if (wanted) send();
     } catch (error) {
       if (error.name === "AbortError") return;
       pending = [];
       keep();
+      known(false);
       show(error.errors?.length ? error.errors : [{ field: "", message: error.message }], null);
     }
   };
@@ -90,11 +99,15 @@ export async function newView({ main, parameters, signal }) {
     if (!plan) pictures.stale();
   };
   const send = async () => {
-    if (!sure) return;
+    if (!sure) {
+      if (timer) refresh();
+      wanted = true;
+      return;
+    }
     submit.disabled = true;
     try {
       const run = await postSpec(`/v1/runs?priority=${priority.value}`, text.text, { signal, headers: { "Idempotency-Key": key } });
-      sessionStorage.removeItem(KEPT);
+      sessionStorage.removeItem(kept);
       toast("The run is submitted.");
       location.hash = `#/runs/${run.id}`;
     } catch (error) {
@@ -107,19 +120,25 @@ export async function newView({ main, parameters, signal }) {
   const key = `page-${Array.from(crypto.getRandomValues(new Uint8Array(12)), (one) => one.toString(16).padStart(2, "0")).join("")}`;
   const restart = async () => {
     if (!(await confirm({ title: "Start over?", text: "What is written here is lost.", action: "Start over", danger: true }))) return;
-    text.text = first(catalog);
-    await refresh();
+    left.hidden = true;
+    begun = undefined;
+    await begin(null);
   };
-
-  text.text = child ? (await get(`/v1/explore/spec?${parameters}`, { signal })).yaml : origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft`, { signal })).text : sessionStorage.getItem(KEPT) || first(catalog);
-  const left = !child && !origin && sessionStorage.getItem(KEPT) !== null;
+  const begin = async (written) => {
+    const source = async () => child ? (await get(`/v1/explore/spec?${parameters}`, { signal })).yaml : origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft`, { signal })).text : first(catalog);
+    text.text = written ?? await source();
+    await refresh(parent && !written ? [fieldChange("parent_run", parent), fieldChange("iteration", await roundOf(parent, signal))] : []);
+  };
+  const written = sessionStorage.getItem(kept);
+  const left = h("p", { class: "soft small", hidden: written === null }, `What was written in this tab before. Start over begins ${origin ? "with the run's document" : "a new document"}.`);
+  if (written !== null) begun = null;
   const title = child ? child[0] : parent ? "Edit and rerun" : origin ? "Clone a run" : submits ? "New run" : "Plan a run";
   main.replaceChildren(
     h("div", { class: "stack" }, h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", origin ? h("a", { href: `#/runs/${origin}`, class: "mono" }, origin) : "new"),
       h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), submits ? [h("label", { class: "inline", for: "priority" }, "Priority ", priority), submit] : null)),
       submits ? null : h("p", { class: "note" }, `The token's role is ${role()}: it plans runs, and a runner submits them.`),
       child ? h("p", { class: "soft small" }, `${child[1]} Selected: `, h("code", {}, parameters.get("where") ?? "all rows")) : null,
-      left ? h("p", { class: "soft small" }, "What was written in this tab before. Start over begins a new document.") : null,
+      left,
       parent ? h("p", { class: "soft small" }, "The new run names this one as its parent. What did not change is not computed again.") : null,
       origin && !parent ? h("p", { class: "soft small" }, "A run of its own that begins with this document. What did not change is not computed again.") : null),
     h("div", { class: "draft" },
@@ -128,7 +147,7 @@ export async function newView({ main, parameters, signal }) {
         h("section", { class: "card" }, h("div", { class: "head" }, h("h2", {}, h("label", { for: "spec" }, "Document")), h("span", { class: "soft small" }, "Ctrl + Space completes")), text.element, problems),
         h("section", { class: "card", "aria-label": "Plan" }, h("h2", {}, "Plan"), planned),
         may("POST /v1/preview") ? pictures.element : null)));
-  await refresh(parent ? [{ kind: "field", field: "parent_run", value: parent }, { kind: "field", field: "iteration", value: await roundOf(parent, signal) }] : []);
+  await begin(written);
   return title;
 }
 
