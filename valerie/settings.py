@@ -16,6 +16,7 @@ from pydantic import Field, SecretStr, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from valerie.access import Role
 from valerie.addresses import Allowed, parse_allowed, parse_url
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.spelling import package_name
@@ -69,6 +70,17 @@ class Settings(BaseSettings):
     api_token: SecretStr | None = Field(
         None, description="the operator's bearer token; with it, every request needs a token"
     )
+    oidc_issuer: str = Field(
+        "", description="OpenID provider whose users may sign in, as https://id.example; empty: none"
+    )
+    oidc_client: str = Field(
+        "", description="the provider's name for this server: its client id, and audience of its tokens"
+    )
+    oidc_secret: SecretStr | None = Field(None, description="the client's secret, if the provider gave one")
+    oidc_owner: str = Field("sub", min_length=1, description="claim that names a user, once and for ever")
+    oidc_groups: str = Field("groups", min_length=1, description="claim with a user's groups")
+    oidc_roles: str = Field("", description="roles of groups, as validators=runner,leads=admin,*=viewer; *: everybody")
+    oidc_hours: float = Field(12.0, gt=0, le=720, allow_inf_nan=False, description="time until somebody signs in again")
     requests_per_minute: int = Field(
         0, ge=0, description="requests of a token, or of an address without one; then 429; 0: no limit"
     )
@@ -228,6 +240,22 @@ class Settings(BaseSettings):
         return self
 
     @model_validator(mode="after")
+    def _usable_sign_in(self) -> Self:
+        if not self.oidc_issuer:
+            return self
+        host, *_, secure = parse_url(self.oidc_issuer, field="VALERIE_OIDC_ISSUER")
+        if not secure and host not in _LOOPBACK:
+            raise InvalidInput("not an https URL", field="VALERIE_OIDC_ISSUER", value=self.oidc_issuer)
+        if not self.oidc_role_of_group:
+            raise InvalidInput(
+                "nobody would have a role", field="VALERIE_OIDC_ROLES", limit="validators=runner,*=viewer"
+            )
+        for field, value in (("VALERIE_OIDC_CLIENT", self.oidc_client), ("VALERIE_API_TOKEN", self.api_token)):
+            if not value:
+                raise InvalidInput("sign-in needs it", field=field)
+        return self
+
+    @model_validator(mode="after")
     def _usable_traces(self) -> Self:
         if self.traces_url:
             parse_url(self.traces_url, field="VALERIE_TRACES_URL")
@@ -261,6 +289,18 @@ class Settings(BaseSettings):
             return base64.b64decode(text.removeprefix("whsec_"), validate=True)
         except ValueError:
             return b""
+
+    @property
+    def oidc_role_of_group(self) -> dict[str, Role]:
+        """The entries of ``oidc_roles``."""
+        pairs = [entry.rpartition("=") for entry in _entries(self.oidc_roles)]
+        for group, _, role in pairs:
+            if not group or role not in set(Role):
+                limit = f"GROUP=ROLE; roles: {', '.join(Role)}"
+                raise InvalidInput(
+                    "not a role of a group", field="VALERIE_OIDC_ROLES", value=f"{group}={role}", limit=limit
+                )
+        return {group: Role(role) for group, _, role in pairs}
 
     @property
     def plugin_packages(self) -> tuple[str, ...]:
@@ -328,7 +368,7 @@ def _entries(text: str) -> tuple[str, ...]:
 def _problem(detail: ErrorDetails) -> InvalidInput:
     place = ".".join(str(part) for part in detail["loc"])
     field = PREFIX + place.upper() if place else ""
-    if place in ("", "api_token", "webhook_secret"):  # secret
+    if place in ("", "api_token", "webhook_secret", "oidc_secret"):  # secret
         detail = detail.copy()
         detail["input"] = None
     return problem_of(detail, field)

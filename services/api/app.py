@@ -15,6 +15,7 @@ from services.api import openapi, problems
 from services.api.dashboard_pages import DashboardFiles
 from services.api.dependencies import only_declared_queries
 from services.api.head import HeadAsGet
+from services.api.identity_provider import IdentityProvider
 from services.api.protection import Protection
 from services.api.roles import require_role
 from services.api.routers import (
@@ -27,6 +28,7 @@ from services.api.routers import (
     marks,
     results,
     runs,
+    sign_in,
     studies,
     tokens,
 )
@@ -75,6 +77,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         app.state.context, app.state.control = context, loop
         app.state.explorations, app.state.tiles = Explorations(context), Tiles(context)
         app.state.confusions, app.state.pixels = Confusions(context), Pixels(context)
+        app.state.identity_provider = IdentityProvider(settings) if settings.oidc_issuer else None
         previews = app.state.previews = Previews(context)
         stop = threading.Event()
         thread = threading.Thread(target=loop.run, args=(stop,), name="control", daemon=True) if loop else None
@@ -101,13 +104,14 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
     problems.install(app)
     modules = (runs, drafts, marks, studies, frames, results, explore, functions, catalog, tokens)
     routers = [module.router for module in modules]
-    openapi.install(app, [*routers, health.router])
+    openapi.install(app, [*routers, sign_in.router, health.router])
     app.add_middleware(Protection, settings=settings)
     app.add_middleware(HeadAsGet)
     for router in routers:
         app.include_router(router, dependencies=[Depends(require_role), Depends(only_declared_queries)])
     # Probes may add any query parameter.
     app.include_router(health.router)
+    app.include_router(sign_in.router)
     app.mount("/dashboard", DashboardFiles(), name="dashboard")
 
     @app.get("/", include_in_schema=False)

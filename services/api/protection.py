@@ -22,8 +22,9 @@ from valerie.errors import TransientError
 from valerie.pipeline.control.tokens import caller_of
 from valerie.settings import Settings
 
-#: Paths that need no token: probes of load balancers. The dashboard's files contain no data; its page asks for the token.
-_OPEN_PATHS = ("/healthz", "/readyz")
+#: Paths that need no token: probes of load balancers, and sign-in, which gives one. The dashboard's files contain no data; its
+#: page asks for the token.
+_OPEN_PATHS = ("/healthz", "/readyz", "/v1/sign-in")
 _OPEN_PREFIXES = ("/dashboard",)
 
 #: A length with more digits exceeds every limit; converting it would only cost time.

@@ -14,6 +14,7 @@ from valerie.access import Role
 ROLES: Final = {
     "POST /v1/plan": Role.VIEWER,
     "POST /v1/draft": Role.VIEWER,
+    "POST /v1/sign-in": Role.VIEWER,
     "POST /v1/studies/plan": Role.VIEWER,
     "POST /v1/preview": Role.RUNNER,
     "POST /v1/runs": Role.RUNNER,

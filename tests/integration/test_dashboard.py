@@ -15,6 +15,7 @@ import structlog
 
 from services.api.app import create_app
 from tests.world.drawn import DrawnWorld, layer_of_variant_4, spec
+from tests.world.openid import CLIENT, SECRET, openid_provider
 from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.measures import Source, measures_from
@@ -84,6 +85,24 @@ def test_a_wrong_token_is_rejected_and_asked_for_again(browser: Browser, url: st
     page.keyboard.press("Enter")
     page.wait_for_selector("dialog[open] >> text=was not accepted")
     page.close()
+
+
+def test_a_user_of_the_operators_provider_signs_in_and_comes_back_to_the_view(browser: Browser, tmp_path: Path) -> None:
+    with openid_provider() as provider:
+        allowed = {"oidc_client": CLIENT, "oidc_secret": SECRET, "oidc_roles": "validators=runner"}
+        settings = settings_of(tmp_path, api_token=TOKEN, oidc_issuer=provider.issuer, **allowed)
+        with served(create_app(settings, control=False)) as client:
+            page, address = browser.new_page(), f"{str(client.base_url).rstrip('/')}/dashboard"
+            page.goto(f"{address}/#/functions")
+            page.click("dialog[open] button:text-is('Sign in')")
+            page.wait_for_selector("button:text-is('Forget token (runner)')")
+            page.wait_for_selector("h1:text-is('Functions under test')")
+            assert page.url == f"{address}/#/functions"
+            provider.claims["groups"] = []
+            page.click("button:text-is('Forget token (runner)')")
+            page.click("dialog[open] button:text-is('Sign in')")
+            page.wait_for_selector("#toasts >> text=none of your groups has a role here")
+            page.close()
 
 
 def test_a_viewer_is_offered_only_what_its_role_may_do(browser: Browser, url: str) -> None:

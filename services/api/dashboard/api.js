@@ -1,11 +1,13 @@
 // Requests to /v1: the token, problem documents as errors, pictures as blobs.
 import { askToken } from "./dom.js";
+import { leave, offered } from "./signin.js";
 
 const KEY = "valerie-token";
 let asking = null;
 
 export const token = () => sessionStorage.getItem(KEY);
 export const hasToken = () => token() !== null;
+export const keepToken = (given) => sessionStorage.setItem(KEY, given);
 export const forgetToken = () => sessionStorage.removeItem(KEY);
 
 export class Problem extends Error {
@@ -31,7 +33,7 @@ async function send(path, options = {}) {
     if (response.ok) return response;
     if (response.status === 401) {
       // Several requests may be refused at once; ask for the token once.
-      asking ??= askToken(used !== null).then((given) => { if (given) sessionStorage.setItem(KEY, given); return given; }).finally(() => { asking = null; });
+      asking ??= offered().then((offer) => askToken(used !== null, offer && (() => leave(offer)))).then((given) => { if (given) keepToken(given); return given; }).finally(() => { asking = null; });
       if (await asking) {
         document.getElementById("forget").hidden = false;
         continue;

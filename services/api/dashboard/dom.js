@@ -69,7 +69,8 @@ export function confirm({ title, text, action, danger = false }) {
   });
 }
 
-export function askToken(wrong) {
+// `signIn` leads to the provider's page, if there is one.
+export function askToken(wrong, signIn) {
   return new Promise((resolve) => {
     let token = null;
     const field = h("input", { type: "password", id: "token", autocomplete: "off", required: true });
@@ -78,7 +79,7 @@ export function askToken(wrong) {
       h("div", { class: "stack" }, h("h2", { id: "dialog-title" }, "This server needs a token"),
         h("p", { class: "soft small" }, wrong ? "That token was not accepted. " : "", "It was issued to you, or is the value of VALERIE_API_TOKEN on the server. This tab keeps it until you close the tab."),
         h("label", { for: "token" }, "Token"), field,
-        h("div", { class: "row" }, h("button", { type: "button", class: "primary", on: { click: use } }, "Use token"))));
+        h("div", { class: "row" }, signIn ? h("button", { type: "button", class: "primary", on: { click: signIn } }, "Sign in") : null, h("button", { type: "button", class: signIn ? null : "primary", on: { click: use } }, "Use token"))));
     field.addEventListener("keydown", (event) => { if (event.key === "Enter") use(); });
     document.body.append(dialog);
     dialog.showModal();

@@ -1,7 +1,7 @@
 // Routing: show the view of the address and end the previous one.
-import { forgetToken, hasToken } from "./api.js";
+import { forgetToken, hasToken, keepToken } from "./api.js";
 import { watch } from "./connection.js";
-import { h } from "./dom.js";
+import { h, toast } from "./dom.js";
 import { exploreView } from "./explore.js";
 import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
@@ -9,6 +9,7 @@ import { newView } from "./new.js";
 import { learnRole, role } from "./role.js";
 import { runView } from "./run.js";
 import { runsView } from "./runs.js";
+import { arrived } from "./signin.js";
 import { studiesView } from "./studies.js";
 import { studyView } from "./study.js";
 import { workersView } from "./workers.js";
@@ -68,6 +69,8 @@ async function show() {
   }
 }
 
+const secret = await arrived().catch((error) => toast(error.message));
+if (secret) keepToken(secret);
 forget.hidden = !hasToken();
 forget.addEventListener("click", () => { forgetToken(); location.reload(); });
 addEventListener("hashchange", show);

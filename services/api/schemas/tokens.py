@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
 
 from services.api.schemas.base import Read
 from valerie.access import Role
+from valerie.document import Document
+from valerie.errors import InvalidInput
 from valerie.runs.moments import Moment
 
 
@@ -32,6 +36,32 @@ class TokenIssued(TokenRead):
     """A new token with its secret, which cannot be read again."""
 
     secret: str = Field(description="bearer token; shown only here", examples=["valerie_3q2-7wAA"])
+
+
+class SignInOffer(Read):
+    """The operator's OpenID provider; null without one."""
+
+    page: str | None = Field(description="its authorization endpoint", examples=["https://id.example/authorize"])
+    client: str | None = Field(description="its name for this server", examples=["valerie"])
+
+
+class SignInRequest(Document):
+    """A provider's ID token, or the code that it sent to a browser, with what the browser kept meanwhile."""
+
+    id_token: Annotated[str, Field(max_length=20_000)] = ""
+    code: Annotated[str, Field(max_length=4_000)] = ""
+    verifier: Annotated[str, Field(max_length=128)] = ""
+    nonce: Annotated[str, Field(max_length=128)] = ""
+    redirect_uri: Annotated[str, Field(max_length=2_000)] = ""
+
+    @model_validator(mode="after")
+    def _proof(self) -> Self:
+        of_code = [name for name in ("code", "verifier", "nonce", "redirect_uri") if getattr(self, name)]
+        if len(of_code) != (0 if self.id_token else 4):
+            raise InvalidInput(
+                "not a proof of identity", limit="id_token alone; or code, verifier, nonce, redirect_uri"
+            )
+        return self
 
 
 class AuditRead(Read):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
+from secrets import token_hex
 from typing import Annotated, Final
 
 import structlog
@@ -45,10 +46,19 @@ def issue(context: Context, request: TokenRequest) -> tuple[tokens.TokenRow, str
     Raises:
         Conflict: a token has or had this name.
     """
+    return _issue(context, request.name, request.owner, request.role, timedelta(days=request.days))
+
+
+def issue_to(context: Context, owner: str, role: Role, *, hours: float) -> tuple[tokens.TokenRow, str]:
+    """Store a token under a new name for someone who signed in; return it and its secret, which is stored nowhere."""
+    return _issue(context, f"sign-in-{token_hex(8)}", owner, role, timedelta(hours=hours))
+
+
+def _issue(context: Context, name: str, owner: str, role: Role, time: timedelta) -> tuple[tokens.TokenRow, str]:
     secret = new_secret()
     with writing(context.engine) as connection:
         now = _now(connection)
-        token = tokens.TokenRow(request.name, request.owner, request.role, now, now + timedelta(days=request.days))
+        token = tokens.TokenRow(name, owner, role, now, now + time)
         tokens.create(connection, token, digest_of(secret))
     return token, secret
 
