@@ -77,7 +77,7 @@ export function askToken(wrong, signIn) {
     const use = () => { if (field.value.trim()) { token = field.value.trim(); dialog.close(); } };
     const dialog = h("dialog", { "aria-labelledby": "dialog-title", on: { close: () => { dialog.remove(); resolve(token); } } },
       h("div", { class: "stack" }, h("h2", { id: "dialog-title" }, "This server needs a token"),
-        h("p", { class: "soft small" }, wrong ? "That token was not accepted. " : "", "It was issued to you, or is the value of VALERIE_API_TOKEN on the server. This tab keeps it until you close the tab."),
+        h("p", { class: "soft small" }, wrong ? "That token was not accepted. " : "", signIn ? "Sign in with your account, or use a token. " : "", "A token was issued to you, or is the value of VALERIE_API_TOKEN on the server. This tab keeps it until you close the tab."),
         h("label", { for: "token" }, "Token"), field,
         h("div", { class: "row" }, signIn ? h("button", { type: "button", class: "primary", on: { click: signIn } }, "Sign in") : null, h("button", { type: "button", class: signIn ? null : "primary", on: { click: use } }, "Use token"))));
     field.addEventListener("keydown", (event) => { if (event.key === "Enter") use(); });
