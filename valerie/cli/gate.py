@@ -109,7 +109,7 @@ def gate(
     places: PlacesOptions,
     files: VerdictFiles,
     allow_undecided: Annotated[
-        bool, typer.Option("--allow-undecided", help="Let undecided requirements pass.")
+        bool, typer.Option("--allow-undecided", help="Let undecided requirements and comparisons pass.")
     ] = False,
     as_json: AsJson = False,
     url: Annotated[
@@ -121,7 +121,8 @@ def gate(
 
     Requirements that are not met or undecided fail. The baseline is compared on
     identical frames, slice by slice; at most 5 % of the slices reported as worse are
-    expected to be false alarms.
+    expected to be false alarms. If even all rows together have too few places to
+    show a drop, the comparison is undecided.
     """
     from valerie.analysis.verdicts.gate import gate as judge
 
@@ -199,8 +200,11 @@ def renderables(result: GateResult) -> list[RenderableType]:
         worse, slices = len(version.gate.worse), version.gate.slices
         few = sum(item.too_few for item in slices if not item.worse)
         head = f"{version.version} against {version.baseline}: "
-        head += f"worse in {worse:,} of {len(slices):,} slices" if worse else "nowhere shown to be worse"
-        if few:
+        if version.undecided:
+            head += f"undecided, since its places are too few to show a drop of {100 * version.gate.effect:g} points"
+        else:
+            head += f"worse in {worse:,} of {len(slices):,} slices" if worse else "nowhere shown to be worse"
+        if few and not version.undecided:
             head += f"; {few:,} of {len(slices):,} slices have too few places to show a drop of "
             head += f"{100 * version.gate.effect:g} points"
         parts.append(Text(head, style="bold red" if worse else "bold"))
@@ -211,7 +215,13 @@ def renderables(result: GateResult) -> list[RenderableType]:
             parts.append(Text(f"  {version.unmatched:,} rows have no counterpart and are not compared.", style="dim"))
         parts.append("")
     reasons = [f"{one.id} by {one.function} is {one.outcome}" for one in result.verdicts if not result.passes(one)]
-    reasons += [f"{one.version} is worse than {one.baseline}" for one in result.versions if one.gate.worse]
+    reasons += [
+        f"{one.version} against {one.baseline} is undecided"
+        if one.undecided
+        else f"{one.version} is worse than {one.baseline}"
+        for one in result.versions
+        if result.fails(one)
+    ]
     parts.append(Text(f"The gate fails: {'; '.join(reasons)}." if reasons else "The gate passes.", style="bold"))
     return parts
 

@@ -62,6 +62,11 @@ class VersionGate:
     gate: Gate
     unmatched: int
 
+    @property
+    def undecided(self) -> bool:
+        """True if no slice is worse, but even all rows together have too few places to show a drop."""
+        return not self.gate.worse and self.gate.slices[0].too_few
+
 
 @dataclass(frozen=True, slots=True)
 class GateResult:
@@ -71,7 +76,7 @@ class GateResult:
         run_id: id of the run.
         verdicts: verdicts on its requirements.
         versions: its functions against the baseline; empty without one.
-        allow_undecided: whether undecided requirements pass.
+        allow_undecided: whether undecided requirements and comparisons pass.
     """
 
     run_id: str
@@ -85,8 +90,12 @@ class GateResult:
 
     @property
     def passed(self) -> bool:
-        """True if all verdicts pass and no function is worse than its baseline."""
-        return all(map(self.passes, self.verdicts)) and not any(version.gate.worse for version in self.versions)
+        """True if all verdicts pass, no function is worse than its baseline, and every comparison could show it."""
+        return all(map(self.passes, self.verdicts)) and not any(map(self.fails, self.versions))
+
+    def fails(self, version: VersionGate) -> bool:
+        """Return True if a comparison stops the change."""
+        return bool(version.gate.worse) or (version.undecided and not self.allow_undecided)
 
     def to_json(self) -> JsonObject:
         """Return the result as JSON values."""
@@ -95,7 +104,9 @@ class GateResult:
             "passed": self.passed,
             "allow_undecided": self.allow_undecided,
             "verdicts": list(map(asdict, self.verdicts)),
-            "versions": [_without_nan(asdict(version)) for version in self.versions],
+            "versions": [
+                {**_without_nan(asdict(version)), "undecided": version.undecided} for version in self.versions
+            ],
         }
 
 
@@ -192,7 +203,7 @@ def gate(
         effect: smallest drop of pACC to detect; it decides how many places are needed.
         false_discoveries: largest expected share of false ones among the slices named worse.
         mixed: also compare functions that ran in different numeric classes.
-        allow_undecided: let undecided requirements pass.
+        allow_undecided: let undecided requirements and comparisons pass.
 
     Raises:
         InvalidInput: there is nothing to judge, or the baseline has other frames.

@@ -65,6 +65,10 @@ def _requirement(suite: ET.Element, verdict: RequirementVerdict, result: GateRes
 
 def _version(suite: ET.Element, version: VersionGate, result: GateResult) -> None:
     where = f"comparison.{_stable(version.version, (other.version for other in result.versions))}"
+    if version.undecided and not result.allow_undecided:
+        text = slice_text(version.gate.slices[0], version.gate.effect)
+        case = _case(suite, where, "enough places", text)
+        ET.SubElement(case, "failure", message=_clean(f"undecided: {text}"), type="undecided")
     for item in version.gate.slices:
         text = slice_text(item, version.gate.effect)
         case = _case(suite, where, item.name, text)

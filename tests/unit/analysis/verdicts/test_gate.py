@@ -87,6 +87,21 @@ def test_a_function_that_became_worse_somewhere_is_found_there_alone() -> None:
     assert not slice_text(far, 0.05).partition(";")[2]  # it was found: no number of places is wanting
 
 
+def test_a_comparison_with_too_few_places_everywhere_is_undecided_and_does_not_pass() -> None:
+    rng = np.random.default_rng(1)
+    before = rng.uniform(0.4, 0.8, 12)
+    after = before + rng.choice([-0.15, 0.15], 12)
+    runs = run({"old": before, "new": after})
+    result = gate(runs, "old")
+    (version,) = result.versions
+    assert (version.gate.worse, version.undecided, result.passed) == ((), True, False)
+    assert result.to_json()["versions"][0]["undecided"] is True
+    assert b'type="undecided"' in junit_xml(result)
+    allowed = gate(runs, "old", allow_undecided=True)
+    assert allowed.passed
+    assert b"<failure" not in junit_xml(allowed)
+
+
 def test_the_same_run_is_nowhere_worse_than_itself_or_another_run_on_the_same_frames() -> None:
     before, _ = planted()
     one, other = run({"net": before}), run({"net": before}, name="r2", detection_threshold=0.3)
