@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from tests.world.blank import completed_run
+from tests.world.blank import SMALL, completed_run
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, NotFound, UnknownName
 
@@ -45,6 +45,13 @@ def test_findings_of_several_runs_are_those_of_all_their_rows(
     document = json.loads(told(invoke, (tmp_path, first), "findings", first, second, "--json"))
     assert document["summary"]["frames"] == 48
     assert "mean pACC" in told(invoke, (tmp_path, first), "findings", first, second)
+    other = pipeline.submit(SMALL | {"constants": {"sun-1.elevation": 12}, "seed": 3})
+    assert pipeline.run(other) == "completed"
+    command = ["findings", first, other, "--data-dir", str(tmp_path / "data")]
+    said = invoke.invoke(app, command, catch_exceptions=False).stderr.splitlines()
+    assert said == [
+        f"No finding accounts for what differs: constants.sun-1.elevation (not set in {first}, 12 in {other})."
+    ]
     with pytest.raises(InvalidInput, match="each run once"):
         told(invoke, (tmp_path, first), "findings", first, first)
 

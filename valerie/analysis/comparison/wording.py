@@ -48,9 +48,9 @@ def numeric_classes_sentence(comparison: VersionComparison) -> str:
     )
 
 
-def difference_of_specs(place: str, here: object, there: object) -> str:
-    """Return a value that two specs set differently, with its place."""
-    return f"{place} ({_setting(here)} here, {_setting(there)} there)"
+def difference_of_specs(place: str, here: object, there: object, *, own: str = "here", other: str = "there") -> str:
+    """Return a value that two specs set differently, with its place; ``own`` and ``other`` name the sides."""
+    return f"{place} ({_setting(here)} {own}, {_setting(there)} {other})"
 
 
 def _setting(value: object) -> str:

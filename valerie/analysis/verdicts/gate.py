@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,11 @@ from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.analysis.wording import counted, points
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.plain import JsonObject
+from valerie.runs.document.differing import FREE, differing
 from valerie.runs.products.pins import Pins
 from valerie.runs.resolving.spec import RunSpec
 from valerie.statistics.gates import Gate, SliceComparison, compare_versions, places_for_gate
 from valerie.statistics.verdicts import Outcome
-
-#: Fields of a spec in which two runs on the same frames may differ.
-_FREE: Final = frozenset(
-    {"name", "description", "functions", "requirements", "detection_threshold", "parent_run", "iteration"}
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,14 +260,14 @@ def _pairs(run: GateRun, baseline: GateRun | str, function: str | None) -> list[
 
 
 def _require_same_frames(run: GateRun, baseline: GateRun) -> None:
-    own, others = (side.spec.model_dump(mode="json", exclude=set(_FREE)) for side in (run, baseline))
-    own["asset"], others["asset"] = [own["asset"], run.asset_digest], [others["asset"], baseline.asset_digest]
-    for name in own:
-        if own[name] != others[name]:
-            raise InvalidInput(
-                f"run {baseline.id} looked at other frames; what differs: {name}", field="--baseline", value=baseline.id,
-                limit=f"a run that differs only in {', '.join(sorted(_FREE))}",
-            )  # fmt: skip
+    differences = [difference.place for difference in differing(run.spec, baseline.spec)]
+    if run.asset_digest != baseline.asset_digest:
+        differences.append("asset")
+    if differences:
+        raise InvalidInput(
+            f"run {baseline.id} looked at other frames; what differs: {', '.join(differences)}", field="--baseline",
+            value=baseline.id, limit=f"a run that differs only in {', '.join(sorted(FREE))}",
+        )  # fmt: skip
 
 
 def _require_one_class(run: GateRun, version: str, other: GateRun, reference: str) -> bool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
@@ -38,7 +39,7 @@ from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.tables import read_classes, read_table
-from valerie.plain import JsonObject
+from valerie.runs.document.differing import FREE, differing
 from valerie.runs.moments import duration
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
@@ -49,12 +50,11 @@ from valerie.scene.variation.variant import split
 
 log = structlog.get_logger()
 
-#: Fields of a spec that change neither pictures nor scores.
-_WITHOUT_EFFECT = frozenset(
-    {"name", "description", "requirements", "parent_run", "iteration", "annotations", "infer_backgrounds"}
-)
-#: Fields that define the scenes of a run; scenes are compared one by one.
-_SCENES = frozenset({"blocks", "constants", "parameters"})
+#: Fields of a spec that are no difference of a comparison: they change neither pictures nor scores, or define the scenes, which
+#: are compared one by one.
+_BESIDES: Final = (FREE - {"functions", "detection_threshold"}) | {
+    "annotations", "infer_backgrounds", "blocks", "constants", "parameters",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,11 +184,7 @@ def _compared(
         row = _ended_row(connection, other)
     there = resolve_stored(row, context.settings)
     spec = here.stored.resolved.spec
-    before, after = (
-        document.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES})
-        for document in (spec, there.resolved.spec)
-    )
-    differs = [difference_of_specs(*difference) for difference in _differing(before, after)]
+    differs = [difference_of_specs(*one) for one in differing(spec, there.resolved.spec, besides=_BESIDES)]
     own, compared = functions or (None, None)
     return put_beside(
         _side(here.run, here.stored, here.table, own),
@@ -199,24 +195,6 @@ def _compared(
         threshold=spec.detection_threshold,
         seed=spec.seed,
     )
-
-
-def _differing(before: object, after: object, place: str = "") -> Iterator[tuple[str, object, object]]:
-    """Yield place and both values of every difference between two JSON documents."""
-    own, other = _entries(before), _entries(after)
-    if own is None or other is None:
-        if before != after:
-            yield place, before, after
-        return
-    for key in dict.fromkeys((*own, *other)):
-        yield from _differing(own.get(key), other.get(key), f"{place}.{key}" if place else key)
-
-
-def _entries(value: object) -> JsonObject | None:
-    """Return the parts of a JSON object or list by name; None for a plain value."""
-    if isinstance(value, Mapping):
-        return dict(value)
-    return {str(i): part for i, part in enumerate(value)} if isinstance(value, list | tuple) else None
 
 
 def _side(run: RunRow, stored: StoredRun, table: EvaluationTable, function: str | None) -> ComparedRun:
