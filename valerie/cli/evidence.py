@@ -101,7 +101,8 @@ def verify(
             json.dumps(asdict(verified) | {"problems": [], "replayed": [asdict(picture) for picture in pictures]})
         )
     else:
-        signer = f"signed by key {verified.signer}" if verified.signer else "signer unknown"
+        unknown = "signer unknown" if verified.signed else "not signed: signer unknown"
+        signer = f"signed by key {verified.signer}" if verified.signer else unknown
         typer.echo(f"{folder}: {verified.files:,} files are consistent, {signer}")
         typer.echo(f"root {verified.root}")
         for picture in pictures:

@@ -14,6 +14,7 @@ from tests.planted_tables import planted_finding
 from valerie.analysis.findings.findings import ScoredPerson
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
+from valerie.pipeline.evidence.evidence_manifest import SIGNED
 
 
 def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_when_it_changed(
@@ -40,6 +41,9 @@ def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_w
     monkeypatch.setenv("VALERIE_DATA_DIR", str(tmp_path / "nothing"))
     assert f"signed by key {key_id}" in told("verify", str(folder), "--key", f"{key}.pub")
     assert "files are consistent, signer unknown" in told("verify", str(folder))
+    shutil.copytree(folder, tmp_path / "unsigned")
+    (tmp_path / "unsigned" / SIGNED).unlink()
+    assert "files are consistent, not signed: signer unknown" in told("verify", str(tmp_path / "unsigned"))
     verified = json.loads(told("verify", str(folder), "--replay", "1", "--json"))
     assert (verified["root"], verified["signer"], verified["problems"]) == (exported["root"], None, [])
     assert [picture["verdict"] for picture in verified["replayed"]] == ["equal"] * 4

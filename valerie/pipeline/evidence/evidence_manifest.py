@@ -12,7 +12,7 @@ import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from hashlib import file_digest, sha256
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Final, Literal
 
 import orjson
@@ -178,21 +178,24 @@ def plain_files(folder: Path) -> list[str]:
     """Return the paths of all files below a folder, sorted, with ``/``; nothing is opened.
 
     Raises:
-        Refused: something is neither a file nor a folder, has a name that no manifest allows, or exceeds the limits.
+        Refused: something is neither a file nor a folder, an empty folder, has a name that no manifest allows, or exceeds the
+            limits.
     """
     problems: list[str] = []
     sizes: dict[str, int] = {}
     entries = 0
     folders = [""]
+    walked: list[str] = []
     while folders:
         above = folders.pop()
+        walked.append(above)
         with _scanned(folder, above) as inside:
             for entry in inside:
                 name = above + entry.name
                 status = entry.stat(follow_symlinks=False)
                 entries += 1
                 if entries > _MAX_ENTRIES:
-                    raise Refused([f"more than {MAX_FILES:,} files"])
+                    raise Refused([f"{name}: beyond {_MAX_ENTRIES:,} files and folders; limit: {MAX_FILES:,} files"])
                 if not re.fullmatch(_PATH, name):
                     problems.append(f"{name!r}: {_PATH_LIMIT}")
                 elif stat.S_ISDIR(status.st_mode):
@@ -202,6 +205,9 @@ def plain_files(folder: Path) -> list[str]:
                 else:
                     kind = "a symbolic link" if stat.S_ISLNK(status.st_mode) else "neither a file nor a folder"
                     problems.append(f"{name}: {kind}")
+    filled = {f"{parent}/" for name in sizes for parent in PurePosixPath(name).parents}
+    if not problems:  # what is refused fills its folder, too
+        problems += [f"{name[:-1]}: an empty folder" for name in walked[1:] if name not in filled]
     if (total := sum(sizes.values())) > MAX_BYTES:
         largest = max(sizes, key=lambda name: sizes[name])
         problems.append(f"{largest}: {sizes[largest]:,} of {total:,} bytes in all files; limit: {MAX_BYTES:,}")
