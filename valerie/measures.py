@@ -212,7 +212,7 @@ MEASURES: Final = (
         "truncation_rate", Source.PIXELS, "truncation", "share of the person that lies beyond the image border", 0.0,
         is_tested=True,
     ),
-    _count("pixel_area", Source.PIXELS, "pixel area", "visible pixels of the person", 2190, unit="pixels"),
+    _count("pixel_area", Source.PIXELS, "visible pixel area", "visible pixels of the person", 2190, unit="pixels"),
     Measure(
         "pixel_area_percent", ColumnType.FLOAT, Source.PIXELS, "pixel area",
         "visible pixels of the person as a share of all pixels of the image, in per cent",

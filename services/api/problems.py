@@ -51,6 +51,8 @@ _KINDS: Final[tuple[tuple[type[ValerieError], HTTPStatus, str], ...]] = (
     (InferenceError, HTTPStatus.INTERNAL_SERVER_ERROR, "Inference failed"),
     (ValerieError, HTTPStatus.INTERNAL_SERVER_ERROR, "Failed"),
 )
+#: When to try again after a failure that may not occur again.
+_RETRY_SECONDS: Final = "5"
 MEDIA_TYPE: Final = "application/problem+json"
 
 
@@ -93,9 +95,11 @@ class ProblemResponse(JSONResponse):
 
 
 def problem(status: int, title: str, detail: str, *, errors: Sequence[FieldProblem] | None = None) -> JSONResponse:
-    """Return one problem document; ``errors`` is a member unless it is None."""
+    """Return one problem document; ``errors`` is a member unless it is None. A 503 says when to try again."""
     document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail}
-    return ProblemResponse(document | ({} if errors is None else {"errors": errors}), status_code=int(status))
+    headers = {"Retry-After": _RETRY_SECONDS} if status == HTTPStatus.SERVICE_UNAVAILABLE else None
+    content = document | ({} if errors is None else {"errors": errors})
+    return ProblemResponse(content, status_code=int(status), headers=headers)
 
 
 def install(app: FastAPI) -> None:

@@ -14,7 +14,7 @@ import pytest
 import structlog
 
 from services.api.app import create_app
-from tests.world.drawn import DrawnWorld, layer_of_variant_4, spec
+from tests.world.drawn import FUNCTIONS, DrawnWorld, layer_of_variant_4, spec
 from tests.world.openid import CLIENT, SECRET, openid_provider
 from tests.world.serving import served
 from tests.world.world import settings_of
@@ -24,11 +24,13 @@ from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.functions import registry
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Page, Route
 
 TOKEN = "correct-horse-battery"
 #: Provenance of the newest version of a registered function.
 SECOND = {"source": "<b>second</b>.onnx", "checked": "opened and run"}
+#: Met and not met by both functions.
+REQUIREMENTS = [{"id": "A", "statistic": "mean(pacc) >= 0.01"}, {"id": "B", "statistic": "mean(pacc) >= 0.99"}]
 
 pytestmark = [pytest.mark.browser, pytest.mark.processes, pytest.mark.timeout(600)]
 
@@ -38,7 +40,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A server with a finished, a failed and a running run, and two versions of a function."""
     folder = tmp_path_factory.mktemp("dashboard")
     world = DrawnWorld(settings_of(folder, log_level="error"))
-    world.work(spec("finished"))
+    world.work(spec("finished", requirements=REQUIREMENTS))
     failing = spec("lost a layer", constants={"sun-1.elevation": 12})
     world.work(failing, broken=layer_of_variant_4)
     walk = {"vary": [["person-1.trajectory.start", "HOMOGENEOUS", 0, 1, 1]], "cameras": ["camera-1"]}
@@ -170,6 +172,7 @@ def test_a_finished_run_shows_its_table_and_every_evaluated_person_as_a_point(pa
     open_run(page, "finished")
     page.wait_for_selector(".plot canvas")
     assert page.locator("table", has_text="pACC").count() >= 1
+    assert page.locator(".verdicts h2").inner_text() == "Requirements 2 met, 2 not met"
     plot = page.locator(".plot canvas").first
     plot.focus()
     page.keyboard.press("ArrowRight")
@@ -266,7 +269,7 @@ def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector("#toasts >> text=saved")
     page.click("button:text-is('Saved')")
-    page.wait_for_selector("dialog >> text=distance_m > 25")
+    page.wait_for_selector("dialog tr:has-text('finished') >> text=distance_m > 25")
     page.keyboard.press("Escape")
     page.click("button:text-is('Export')")
     with page.expect_download() as csv:
@@ -299,7 +302,7 @@ def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
     page.click("[data-tab=compare]")
     page.wait_for_selector("text=persons matched")
     page.click("[data-tab=swings]")
-    page.wait_for_selector(".pair .thumbnail:not(.waiting)")
+    page.wait_for_selector(".pair:has-text('camera-2') .thumbnail:not(.waiting)")
     page.click("[data-tab=table]")
     page.click("tbody td a.mono")
     page.wait_for_selector(".viewer img[src]")
@@ -320,6 +323,9 @@ def test_which_of_two_networks_is_worse_at_dusk_is_answered_with_pictures_four_c
     run = page.url.rsplit("/", 1)[1]
     click("a:text-is('Compare functions')")
     page.wait_for_selector(".pair .thumbnail:not(.waiting)")
+    page.wait_for_selector("[data-tab=compare]:focus")
+    assert page.locator("[data-tab=compare]").bounding_box()["y"] < 200, "the head of the comparison is at the top"
+    page.wait_for_selector("text=/precision [^,]* points.*, IoU .* points.*; no interval/")
     click("button:text-is('Dusk')")
     page.wait_for_selector(".brush:has-text('Sun elevation')")
     worse = page.locator("[aria-label=Rows] p strong").first.inner_text().split()[0]
@@ -340,6 +346,51 @@ def test_which_of_two_networks_is_worse_at_dusk_is_answered_with_pictures_four_c
         for name in ("deeplabv3plus-small", "semantic-fpn-small")
     }
     assert worse == min(means, key=means.__getitem__)
+
+
+def test_two_runs_are_coloured_by_run_and_their_sides_say_what_differs(page: Page) -> None:
+    runs = [
+        page.locator(".runs tr", has_text=name).locator("a").first.get_attribute("href").rsplit("/", 1)[1]
+        for name in ("finished", "lost a layer")
+    ]
+    page.goto(f"{page.url.split('#')[0]}#/explore?runs={','.join(runs)}&tab=compare")
+    page.wait_for_selector(".pair .thumbnail:not(.waiting)")
+    assert page.input_value("#c") == "run_id"
+    assert [page.input_value(f"#side-{side}") for side in ("before", "after")] == [
+        f"{one}:{FUNCTIONS[0]}" for one in runs
+    ]
+    names = page.locator(".pair >> nth=0 >> .clipped")
+    assert names.all_inner_texts() == ["finished", "lost a layer"]
+    page.select_option("#side-after", label=f"{FUNCTIONS[1]} · lost a layer")
+    page.wait_for_selector(f".pair .clipped:text-is('{FUNCTIONS[1]} · lost a layer')")
+    assert names.first.inner_text() == f"{FUNCTIONS[0]} · finished"
+    page.select_option("#side-after", label=f"{FUNCTIONS[1]} · finished")
+    page.wait_for_selector(f".pair .clipped:text-is('{FUNCTIONS[1]}')")
+    assert names.first.inner_text() == FUNCTIONS[0]
+
+
+def test_cards_wait_for_their_rows_and_a_brush_beyond_the_plot_ends_at_the_column_s_values(page: Page) -> None:
+    held: list[Route] = []
+    page.route("**/v1/explore/rates*", lambda route: held.append(route))
+    open_run(page, "finished")
+    page.click("main a:text-is('Explore')")
+    page.wait_for_selector("[aria-label=Rates] [aria-busy=true]")
+    page.wait_for_selector(".thumbnail:not(.waiting)")
+    assert page.locator("[aria-busy=true]").count() == 1, "only the rates are missing"
+    for route in held:
+        route.continue_()
+    page.unroute("**/v1/explore/rates*")
+    page.wait_for_selector("tr.selection")
+    assert page.locator("[aria-busy=true]").count() == 0
+    box = page.locator(".scatter-canvas").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] + 40, box["y"] - 40, steps=4)
+    page.mouse.up()
+    page.wait_for_selector(".brush:has-text('pACC')")
+    rows = page.evaluate("() => unescape(location.hash).match(/pacc~range~[^|]*[|]([^|]*)[|]/)[1]")
+    assert float(rows) == 1.0
 
 
 def test_a_cell_of_the_confusion_matrix_opens_the_frames_with_its_pixels(page: Page) -> None:
@@ -442,7 +493,9 @@ def test_a_point_opens_its_frame_with_truth_and_prediction_over_the_picture(page
     page.wait_for_function(drawn)
     titles = page.locator(".columns th[scope=row]").all_inner_texts()
     for measure in measures_from(Source.PLACE, Source.PIXELS, Source.FRAME_SCORE):
-        assert measure.title in [title[0].lower() + title[1:] for title in titles] + titles
+        shown = measure.title in [title[0].lower() + title[1:] for title in titles] + titles
+        assert shown == (measure.name != "undefined_reason"), "pACC is defined"
+    assert len(set(titles)) == len(titles)
     assert "Light on the body" not in titles, "the run did not ask for light"
     page.keyboard.press("ArrowRight")
     page.wait_for_function("before => location.href !== before", arg=first)

@@ -363,6 +363,7 @@ def test_an_edited_run_is_a_child_and_the_lineage_leads_from_one_to_the_other(pa
     page.wait_for_selector(SURE)
     page.click("text=Submit run")
     page.wait_for_selector(".lineage a[aria-current]:has-text('edited')")
+    page.wait_for_selector("p:has-text('Descends from finished') a")
     page.focus(".lineage a:has-text('finished')")
     page.keyboard.press("Enter")
     page.wait_for_selector("h1:text-is('finished')")

@@ -29,8 +29,10 @@ export async function exploreView({ main, parameters, signal }) {
   const first = (...names) => names.find((name) => columns.get(name)?.numeric) ?? numeric[0]?.name;
   const known = (names, otherwise) => { const kept = (names ?? "").split(",").filter((name) => columns.has(name)); return kept.length ? kept : otherwise; };
   const varied = about.columns.filter((one) => one.group === "varied" && differs(one)).map((one) => one.name);
-  const several = ["function", "run_id", "camera", "sensor"].filter((name) => columns.get(name)?.names.length > 1);
+  const several = ["run_id", "function", "camera", "sensor"].filter((name) => columns.get(name)?.names.length > 1);
   const usual = [...varied, "distance_m", "occlusion_rate", "pixel_area"].filter((name) => columns.has(name) && differs(columns.get(name)));
+
+  const runName = (id) => { const { name } = documents.find((run) => run.id === id); return documents.filter((run) => run.name === name).length > 1 ? `${name} (${id})` : name; };
 
   const state = {
     where: parameters.get("where") ?? "",
@@ -136,6 +138,9 @@ export async function exploreView({ main, parameters, signal }) {
     h("section", { class: "card", "aria-label": "Parallel coordinates" }, h("div", { class: "head" }, h("h2", {}, "Parallel coordinates"), add("add-axis", "Add an axis…", () => state.p)), parallel.element, parallelColumns),
     below);
   main.classList.add("wide");
+  const blank = [scatter.element, histograms, parallel.element, panel]; // until the first rows are drawn
+  const wait = (element) => element.setAttribute("aria-busy", "true"), shown = (element) => element.removeAttribute("aria-busy");
+  [...blank, rates].forEach(wait);
 
   // Drawing.
   const drawn = new Map();
@@ -183,11 +188,13 @@ export async function exploreView({ main, parameters, signal }) {
     } catch (error) {
       if (error.name === "AbortError") return;
       if (error.status !== 422) throw error;
+      shown(rates);
       wrong.textContent = error.message;
       wrong.hidden = false;
       field.setAttribute("aria-invalid", "true");
     } finally {
       busy = false;
+      blank.forEach(shown);
     }
   }
 
@@ -208,7 +215,7 @@ export async function exploreView({ main, parameters, signal }) {
     whole_ = whole;
     selected.textContent = whole ? plural(bins.selected, "row") : `${count(bins.selected)} of ${plural(about.rows, "row")}`;
     scatter.show({ x: columns.get(state.x), y: columns.get(state.y), c: columns.get(state.c), all: whole ? null : all, some });
-    put(key, [state.c], colorKey(columns.get(state.c)));
+    put(key, [state.c], colorKey(columns.get(state.c), state.c === "run_id" ? runName : undefined));
     const missing = Number(some.metadata.undefined);
     lacking.textContent = missing ? `${plural(missing, "row")} without ${titleOf(columns.get(state.x))} or ${titleOf(columns.get(state.y))} ${missing === 1 ? "is" : "are"} not drawn.` : "";
     drawHistograms(found, whole);
@@ -230,15 +237,16 @@ export async function exploreView({ main, parameters, signal }) {
     }), names.length || state.where ? h("button", { type: "button", class: "quiet", on: { click: () => { state.brushes.of.clear(); state.where = field.value = ""; refresh(); } } }, "Clear all") : null);
   };
 
-  let latest = 0;
+  let latest = 0, settle;
+  const rated = new Promise((resolve) => { settle = resolve; });
   const loadRates = async () => {
     const mine = (latest += 1);
     try {
       const found = await get(`/v1/explore/rates?${query({ beside: state.beside })}`, { signal });
       if (mine !== latest) return;
-      put(rates, [found, state.beside], ratesTable(found, about.rows, !where() && state.beside === null, beside.selectedOptions[0]?.textContent));
+      put(rates, [found, state.beside], ratesTable(found, about.rows, !where() && state.beside === null, beside.selectedOptions[0]?.textContent, runName));
       performance.mark("explore-rated");
-    } catch (error) { if (error.name !== "AbortError" && mine === latest) toast(error.message); }
+    } catch (error) { if (error.name !== "AbortError" && mine === latest) toast(error.message); } finally { shown(rates); settle(); }
   };
   // What a selection can be compared with: the rest, and saved selections of these runs.
   const offerBeside = async () => {
@@ -250,14 +258,15 @@ export async function exploreView({ main, parameters, signal }) {
   };
 
   // Pictures, table, pairs.
-  const parts = { get, signal, query, columns, several, state, runs, about, remember, refresh };
+  const parts = { get, signal, query, columns, several, state, runs, runName, about, remember, refresh };
   const panels = { pictures: picturesPanel(parts), table: tablePanel(parts), compare: comparisonPanel(parts), swings: swingsPanel(parts), confusion: confusionPanel(parts) };
   const loadRows = () => panels[state.tab].load(); // a panel draws by itself, or returns how to
   const showPanel = () => {
     for (const button of tabs.children) button.setAttribute("aria-pressed", String(button.dataset.tab === state.tab));
     tools.replaceChildren(...panels[state.tab].tools);
     panel.replaceChildren(panels[state.tab].element);
-    loadRows().then((show) => show?.()).catch((error) => { if (error.name !== "AbortError") toast(error.message); });
+    if (!panels[state.tab].element.childElementCount) wait(panel);
+    loadRows().finally(() => shown(panel)).then((show) => show?.()).catch((error) => { if (error.name !== "AbortError") toast(error.message); });
   };
   for (const button of tabs.children) button.setAttribute("aria-pressed", String(button.dataset.tab === state.tab));
   tools.replaceChildren(...panels[state.tab].tools);
@@ -280,8 +289,9 @@ export async function exploreView({ main, parameters, signal }) {
       h("div", { class: "row" }, h("button", { type: "button", class: "primary", on: { click: save } }, "Save")));
   };
   const savedDialog = async () => {
-    const list = await get("/v1/selections", { signal });
-    const box = dialog("Saved selections", savedList(list, () => box.close()));
+    const [list, { items }] = await Promise.all([get("/v1/selections", { signal }), get("/v1/runs?limit=100", { signal })]);
+    const box = dialog("Saved selections", savedList(list, [...documents, ...items], () => box.close()));
+    box.classList.add("large");
   };
   const trainDialog = () => {
     const lines = documents[0].spec.functions.map((name) => command(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`));
@@ -301,7 +311,13 @@ export async function exploreView({ main, parameters, signal }) {
   };
   await offerBeside();
   await refresh();
-  if (parameters.has("show")) setTimeout(() => below.scrollIntoView({ block: "start" })); // a link that asks for this part of the page
+  if (parameters.has("show")) {
+    // A link asks for this part of the page, which the rates above still move.
+    const head = tabs.querySelector("[aria-pressed=true]");
+    const land = () => below.scrollIntoView({ block: "start" });
+    setTimeout(() => { head.focus({ preventScroll: true }); land(); });
+    rated.then(() => { if (document.activeElement === head) land(); });
+  }
   return `Explore ${title}`;
 }
 
@@ -315,11 +331,13 @@ function dialog(title, ...content) {
   return box;
 }
 
-function savedList(list, opened) {
+function savedList(list, known, opened) {
+  const names = new Map(known.map((run) => [run.id, run.name]));
   if (!list.length) return h("p", { class: "soft" }, "None yet. Select rows, then save the selection under a name.");
-  return table(["Name", "Selection", "Saved", ""], list.map((one) => {
+  return table(["Name", "Runs", "Selection", "Saved", ""], list.map((one) => {
     const line = h("tr", {},
       h("td", {}, h("a", { href: `#/explore?${one.view}`, on: { click: opened } }, one.name)),
+      h("td", { class: "small" }, one.runs.map((id, k) => [k ? ", " : "", h("a", { href: `#/runs/${id}`, title: id, on: { click: opened } }, names.get(id) ?? id)])),
       h("td", { class: "small mono" }, one.expression || "all rows"), h("td", { class: "small soft" }, ago(one.created_at)),
       h("td", { class: "right" }, may("DELETE /v1/selections/{name}") && h("button", { type: "button", class: "quiet close", "aria-label": `Delete ${one.name}`, on: { click: async () => { await remove(`/v1/selections/${encodeURIComponent(one.name)}`); line.remove(); } } }, "×")));
     return line;
@@ -339,17 +357,17 @@ async function choose({ main, signal }) {
         h("td", {}, h("a", { href: `#/explore?runs=${run.id}` }, run.name), h("div", { class: "small soft mono" }, run.id)),
         h("td", { class: "number" }, count(run.variant_count)), h("td", { class: "small soft" }, ago(run.created_at)))), { caption: "Runs" })
         : h("p", { class: "soft" }, "There is no run with results yet.")),
-    h("section", { class: "card" }, h("h2", {}, "Saved selections"), savedList(saved, () => {})));
+    h("section", { class: "card" }, h("h2", {}, "Saved selections"), savedList(saved, items, () => {})));
   return "Explore";
 }
 
 // Rates of the selection beside the rest.
-function ratesTable({ groups, threshold, scored, selected, certainty }, rows, alone, other) {
+function ratesTable({ groups, threshold, scored, selected, certainty }, rows, alone, other, runName) {
   const interval = (one) => (one.low === undefined ? h("div", { class: "small soft" }, one.units ? "no interval" : "") : h("div", { class: "small soft" }, `${fixed(100 * one.low)} to ${fixed(100 * one.high)} %`));
   const cell = (rate) => h("td", { class: "right" }, h("strong", {}, percent(rate.estimate)), interval(rate));
   const several = new Set(groups.map((one) => one.run)).size > 1, sensors = new Set(groups.map((one) => one.sensor)).size > 1;
   const lines = groups.flatMap((group) => [["selection", group.selected], ["rest", group.beside]].slice(0, alone ? 1 : 2).map(([side, one], k) =>
-    h("tr", { class: side }, h("th", { scope: "row" }, k ? h("span", { class: "visually-hidden" }, group.function) : [h("div", {}, group.function), several || sensors ? h("div", { class: "small soft mono" }, [several ? group.run : "", sensors ? group.sensor : ""].filter(Boolean).join(" · ")) : null], h("div", { class: "small soft" }, k ? other : selected < rows ? "selection" : "all rows")),
+    h("tr", { class: side }, h("th", { scope: "row" }, k ? h("span", { class: "visually-hidden" }, group.function) : [h("div", {}, group.function), several || sensors ? h("div", { class: "small soft" }, [several ? runName(group.run) : "", sensors ? group.sensor : ""].filter(Boolean).join(" · ")) : null], h("div", { class: "small soft" }, k ? other : selected < rows ? "selection" : "all rows")),
       h("td", { class: "right number" }, count(one.persons), h("div", { class: "small soft", title: Object.entries(one.undefined).map(([why, n]) => `${count(n)} ${why}`).join(", ") }, `${count(Object.values(one.undefined).reduce((a, b) => a + b, 0))} undefined`)), cell(one.pacc), cell(one.detected))));
   return [table(["", { text: "Persons", class: "right" }, { text: "Mean pACC", class: "right" }, { text: `pACC ≥ ${fixed(threshold, 2)}`, class: "right", title: "detection rate" }], lines, { caption: "Rates of the selection and what is beside it" }),
     scored && selected < rows ? h("p", { class: "small soft under" }, "The selection depends on scores, so these rates repeat what was asked for.") : null,

@@ -323,7 +323,8 @@ function personsSection(frame) {
   const sources = ["place", "pixels", ...(frame.annotations.light ? ["light"] : [])];
   const body = people.length
     ? table(["", ...people.map((one) => ({ text: nameOf(one), class: "right" }))],
-      measuresFrom(...sources).map((measure) => line(measure, people.map((one) => one[measure.name]))), { caption: "Visibility of the persons" })
+      measuresFrom(...sources).filter((measure) => measure.name !== "undefined_reason" || people.some((one) => one.undefined_reason))
+        .map((measure) => line(measure, people.map((one) => one[measure.name]))), { caption: "Visibility of the persons" })
     : h("p", { class: "soft" }, "The scene holds no person here, so every pixel called person is a false positive.");
   return h("section", { class: "card" }, h("h2", {}, "Persons"), body);
 }

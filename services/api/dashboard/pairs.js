@@ -24,18 +24,23 @@ function pairCards(pairs, rows, caption) {
   return h("div", { class: "pairs" }, cards);
 }
 
-export function comparisonPanel({ get, signal, query, state, about, columns, remember, refresh }) {
+export function comparisonPanel({ get, signal, query, state, runs, runName, about, columns, remember, refresh }) {
   const sides = Object.entries(about.functions).flatMap(([run, functions]) => functions.map((name) => `${run}:${name}`));
-  const several = Object.keys(about.functions).length > 1;
-  const text = (side) => { const at = side.indexOf(":"); return several ? `${side.slice(at + 1)} · ${side.slice(0, at)}` : side.slice(at + 1); };
+  const several = runs.length > 1;
+  const split = (side) => { const at = side.indexOf(":"); return [side.slice(0, at), side.slice(at + 1)]; };
+  const full = (side) => { const [run, name] = split(side); return several ? `${name} · ${runName(run)}` : name; };
+  const sameRun = () => split(state.before)[0] === split(state.after)[0];
+  // The part that tells the sides apart.
+  const text = (side) => { const [run, name] = split(side); return sameRun() ? name : split(state.before)[1] === split(state.after)[1] ? runName(run) : full(side); };
   if (!sides.includes(state.before)) state.before = sides[0];
-  if (!sides.includes(state.after)) state.after = sides[1] ?? sides[0];
+  // By default another run's results of the same function.
+  if (!sides.includes(state.after)) state.after = sides.find((side) => side !== state.before && split(side)[1] === split(state.before)[1]) ?? sides.find((side) => side !== state.before) ?? state.before;
   let chosen = Boolean(OUTCOMES[state.outcome]);
   // Sides of one run are named by their functions; of two runs, the second is the newer one.
-  const labels = () => (sameRun(state) ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses` } : OUTCOMES);
+  const labels = () => (sameRun() ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses` } : OUTCOMES);
   const element = h("div", { class: "stack wide-gap" });
   const choice = (name, label) => {
-    const field = h("select", { id: `side-${name}`, on: { change: () => { state[name] = field.value; remember(); load(); } } }, sides.map((side) => h("option", { value: side }, text(side))));
+    const field = h("select", { id: `side-${name}`, on: { change: () => { state[name] = field.value; remember(); load(); } } }, sides.map((side) => h("option", { value: side }, full(side))));
     field.value = state[name];
     return h("label", { class: "inline", for: `side-${name}` }, label, field);
   };
@@ -58,26 +63,32 @@ export function comparisonPanel({ get, signal, query, state, about, columns, rem
     const outcomes = h("div", { class: "segments", role: "group", "aria-label": "Outcome" }, Object.entries(labels()).map(([name, label]) =>
       h("button", { type: "button", "aria-pressed": String(name === state.outcome), on: { click: () => { chosen = true; state.outcome = name; remember(); load(); } } }, `${label} `, h("span", { class: "number" }, count(one.outcomes[name])))));
     const unmatched = one.rows[0] - one.matched;
-    put(element, [one, state.outcome], verdict(one, text(state.before), text(state.after)), outcomes,
+    put(element, [one, state.outcome], verdict(one, text(state.before), text(state.after)), ofFrames(one), outcomes,
       h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
-      one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: (row) => row.function, after: (row) => (several ? row.run_id : row.function) })) : h("p", { class: "soft" }, `No person: ${labels()[state.outcome].toLowerCase()}.`));
+      one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) })) : h("p", { class: "soft" }, `No person: ${labels()[state.outcome].toLowerCase()}.`));
   };
   return { element, tools: [light.element, choice("before", "From"), choice("after", "to")].filter(Boolean), load };
 }
 
-const sameRun = ({ before, after }) => before.slice(0, before.indexOf(":")) === after.slice(0, after.indexOf(":"));
+const points = (value) => fixed(Math.abs(100 * value));
+const signed = (value) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${points(value)}`;
 
 // Which side is worse, by how much and how surely.
 function verdict({ difference, low, high, places }, before, after) {
   if (difference === null) return null;
-  const points = (value) => fixed(Math.abs(100 * value));
-  const signed = (value) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${points(value)}`;
   if (!difference) return h("p", {}, `${before} and ${after} have the same mean pACC, over ${plural(places, "place")}.`);
   const [worse, better, ends] = difference < 0 ? [after, before, [low, high]] : [before, after, [-high, -low]];
   const sure = low !== null && (low > 0 || high < 0);
   return h("p", {}, h("strong", {}, sure ? `${worse} is worse than ${better}` : `${worse} and ${better} cannot be told apart`), `: the mean pACC of ${worse} is ${points(difference)} points lower`,
     low === null ? `, over ${plural(places, "place")}.` : ` (95 % interval of the change ${signed(ends[0])} to ${signed(ends[1])} for places like these), over ${plural(places, "place")}.`,
     low === null ? " There is no interval." : sure ? "" : " The interval contains 0, so the order may be chance.");
+}
+
+// Precision and IoU belong to a frame, not to a person.
+function ofFrames({ precision, iou }) {
+  const change = (name, [before, after]) => (before === null || after === null ? null : `${name} ${percent(before)} → ${percent(after)} (${signed(after - before)} points)`);
+  const changes = [change("precision", precision), change("IoU", iou)].filter(Boolean);
+  return changes.length ? h("p", { class: "small soft" }, `Of their frames, from pooled counts: ${changes.join(", ")}; no interval.`) : null;
 }
 
 // Buttons that select by the kind of light, if the rows have several; they brush the sun's elevation.
@@ -94,7 +105,7 @@ function lightChoice(sun, state, refresh) {
   return { element, draw };
 }
 
-export function swingsPanel({ get, signal, query, columns }) {
+export function swingsPanel({ get, signal, query, columns, several }) {
   const element = h("div", { class: "stack wide-gap" });
   const load = async () => {
     const { swings, rows } = await get(`/v1/explore/swings?${query({ limit: 6 })}`, { signal });
@@ -107,7 +118,7 @@ export function swingsPanel({ get, signal, query, columns }) {
       parameters.map((name) => {
         const column = columns.get(name) ?? { title: name, group: "varied", scale: 1, unit: "", digits: null };
         return h("section", { class: "stack", "aria-label": titleOf(column) }, h("h3", {}, titleOf(column)), pairCards(swings.filter((one) => one.parameter === name), rows, ({ pair }) => ({
-          title: `Variants ${rows[pair.before].variant_index} and ${rows[pair.after].variant_index}, ${rows[pair.before].function}`, before: (row) => textOf(column, row[name]), after: (row) => textOf(column, row[name]) })));
+          title: [`Variants ${rows[pair.before].variant_index} and ${rows[pair.after].variant_index}`, rows[pair.before].function, several.includes("camera") ? rows[pair.before].camera : null].filter(Boolean).join(", "), before: (row) => textOf(column, row[name]), after: (row) => textOf(column, row[name]) })));
       }));
   };
   return { element, tools: [], load };

@@ -207,9 +207,10 @@ export function scatterPlot({ brushed, opened }) {
     }
     frame = [Math.min(ax, bx), Math.min(ay, by), Math.abs(bx - ax), Math.abs(by - ay)];
     view.paint();
-    const round = (value) => Number(value.toPrecision(4));
     if (ended) {
-      brushed([round(data.fromX(frame[0])), round(data.fromX(frame[0] + frame[2]))], [round(data.fromY(frame[1] + frame[3])), round(data.fromY(frame[1]))]);
+      // A frame may reach beyond the values.
+      const ends = ({ low, high }, ...values) => values.map((value) => Math.max(low, Math.min(high, Number(value.toPrecision(4)))));
+      brushed(ends(data.x, data.fromX(frame[0]), data.fromX(frame[0] + frame[2])), ends(data.y, data.fromY(frame[1] + frame[3]), data.fromY(frame[1])));
       frame = null;
     }
   });
@@ -226,12 +227,12 @@ export function scatterPlot({ brushed, opened }) {
 }
 
 // The key of the colours of a scatter plot.
-export function colorKey(c) {
+export function colorKey(c, text = (name) => name) {
   if (!c) return [];
   if (c.numeric) {
     return [h("span", { class: "key" }, textOf(c, c.low), h("span", { class: "ramp", style: { background: `linear-gradient(90deg, ${RAMP.join(",")})` } }), textOf(c, c.high))];
   }
-  return c.names.slice(0, 12).map((name, k) => h("span", { class: "key" }, h("span", { class: "patch", style: { background: `var(--series-${(k % SERIES) + 1})` } }), name));
+  return c.names.slice(0, 12).map((name, k) => h("span", { class: "key" }, h("span", { class: "patch", style: { background: `var(--series-${(k % SERIES) + 1})` } }), text(name)));
 }
 
 // Histogram of one column: all rows pale, the selected ones of them strong.

@@ -32,6 +32,7 @@ export async function runView({ main, key, parameters, signal }) {
   };
   const marks = marksOf(key, signal);
   const lineage = h("div", { class: "slot" });
+  const parent = h("a", { href: `#/runs/${run.parent_run}` }, run.parent_run);
   const chip = h("span", {});
   const actions = h("div", { class: "row" });
   const reason = h("div", { class: "slot" });
@@ -46,7 +47,7 @@ export async function runView({ main, key, parameters, signal }) {
     h("div", { class: "stack" },
       h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", h("span", { class: "mono" }, key)),
       h("div", { class: "spread" },
-        h("div", { class: "stack" }, h("div", { class: "row" }, h("h1", {}, run.name), chip), facts, marks.place("run", "", "this run")),
+        h("div", { class: "stack" }, h("div", { class: "row" }, h("h1", {}, run.name), chip), facts, run.parent_run ? h("p", { class: "soft small" }, "Descends from ", parent) : null, marks.place("run", "", "this run")),
         actions)),
     reason, work, summary, scatter.element, lineage, specSection(run));
 
@@ -82,7 +83,7 @@ export async function runView({ main, key, parameters, signal }) {
     const left = remaining(progress);
     put(facts, [state, run.started_at, ago(run.created_at), progress.variants, left],
       `Submitted ${ago(run.created_at)}`, run.finished_at && run.started_at ? ` · took ${duration(Math.round((new Date(run.finished_at) - new Date(run.started_at)) / 1000))}` : "",
-      ` · ${plural(progress.variants.total, "variant")}`, progress.variants.fed < progress.variants.total ? `, ${count(progress.variants.fed)} in progress` : "",
+      ` · ${plural(progress.variants.total, "variant")}`, progress.variants.fed < progress.variants.total ? `, ${count(progress.variants.fed)} begun` : "",
       progress.variants.rejected ? `, ${count(progress.variants.rejected)} rejected` : "", left && ` · ${left}`);
     facts.title = clock(run.created_at);
     put(stages, [progress.stages, ACTIVE.has(state)], Object.keys(progress.stages).length
@@ -107,7 +108,10 @@ export async function runView({ main, key, parameters, signal }) {
   };
   await update();
   marks.load().catch(() => {});
-  get(`${path}/lineage`, { signal }).then((relatives) => put(lineage, relatives, lineageSection(relatives, key))).catch(() => {});
+  get(`${path}/lineage`, { signal }).then((relatives) => {
+    put(lineage, relatives, lineageSection(relatives, key));
+    parent.textContent = relatives.find((one) => one.id === run.parent_run)?.name ?? run.parent_run;
+  }).catch(() => {});
 
   const again = poll(signal, async () => {
     progress = await get(`${path}/progress`, { signal });
@@ -127,7 +131,7 @@ function remaining({ state, stages }) {
 function stageRow(name, stage, active) {
   const { done, total, failed } = stage;
   const parts = [];
-  if (active && stage.running) parts.push(`${count(stage.running)} in progress`);
+  if (active && stage.running) parts.push(`${plural(stage.running, "product")} in progress`);
   if (active && stage.rate_per_s > 0) parts.push(rate(stage.rate_per_s));
   return h("div", { class: "stage" },
     h("h3", {}, STAGES[name] ?? name),

@@ -57,7 +57,8 @@ const OUTCOMES = { met: "good", "not met": "bad", undecided: "wait" };
 
 function verdictList(verdicts, sentences) {
   if (!verdicts.length) return null;
-  return h("div", { class: "verdicts" }, h("h2", {}, "Requirements"), h("ul", {}, verdicts.map((one, k) => h("li", {},
+  const numbers = Object.keys(OUTCOMES).map((outcome) => [verdicts.filter((one) => one.outcome === outcome).length, outcome]).filter(([n]) => n);
+  return h("div", { class: "verdicts" }, h("h2", {}, "Requirements ", h("span", { class: "small soft" }, numbers.map(([n, outcome]) => `${count(n)} ${outcome}`).join(", "))), h("ul", {}, verdicts.map((one, k) => h("li", {},
     h("span", { class: `chip ${OUTCOMES[one.outcome]}` }, one.outcome), h("strong", {}, ` ${one.id} · ${one.function}`), one.text ? `: ${one.text}` : "",
     h("div", { class: "small soft" }, sentences[k])))));
 }

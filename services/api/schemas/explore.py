@@ -129,6 +129,8 @@ class ComparisonRead(Read):
                 "low": 0.01,
                 "high": 0.07,
                 "places": 12,
+                "precision": [0.81, 0.79],
+                "iou": [0.62, 0.65],
                 "pairs": [{"before": 5, "after": 35, "pacc_before": 0.2, "pacc_after": 0.9}],
             }
         ]

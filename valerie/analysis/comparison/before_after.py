@@ -271,13 +271,21 @@ def _group(
 ) -> GroupComparison:
     defined = mask & np.isfinite(tables[0].numbers("pacc"))
     frames = np.unique(tables[0].evaluations[mask])
-    sides = tuple(_side(table, defined, frames, threshold) for table in tables)
+    sides = tuple(version_scores(table, defined, frames, threshold) for table in tables)
     return GroupComparison(name, int(defined.sum()), len(frames), sides, differences)
 
 
-def _side(
-    table: EvaluationTable, defined: NDArray[np.bool_], frames: NDArray[np.int64], threshold: float
+def version_scores(
+    table: EvaluationTable, defined: NDArray[np.bool_] | NDArray[np.int64], frames: NDArray[np.int64], threshold: float
 ) -> VersionScores:
+    """Return the scores of some rows, with precision and IoU of some evaluations.
+
+    Args:
+        table: all rows of these evaluations.
+        defined: mask or numbers of the rows, each with a pACC.
+        frames: numbers of the evaluations.
+        threshold: of the detection rate.
+    """
     pacc, tp, fn = (table.numbers(name)[defined] for name in ("pacc", "tp", "fn"))
     counts = frame_counts(table)
     tp_of_frames, fp, fn_of_frames = counts.tp[frames], counts.fp[frames], counts.fn[frames]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from math import prod
 from typing import Final
@@ -21,6 +22,15 @@ from valerie.statistics.units import LISTED
 
 #: Most new positions between two neighbours of a grid.
 _BETWEEN: Final = 20
+#: Most characters of a run's name in that of a refining run.
+_LONGEST: Final = 180
+
+
+def descent(spec: RunSpec, run_id: str) -> dict[str, Scalar]:
+    """Return the fields of a refining spec that tell it from the run's: another name, the parent and the iteration."""
+    base, iteration = re.sub(r" refined( \d+)?$", "", spec.name), spec.iteration + 1
+    name = f"{base[:_LONGEST]} refined" + (f" {iteration}" if iteration > 1 else "")
+    return {"name": name, "parent_run": run_id, "iteration": iteration}
 
 
 def child_spec(
@@ -42,7 +52,7 @@ def child_spec(
         places: number of places that the finding needs; None: unknown.
     """
     needed = (places or 0) / _accepted(table)
-    child = spec.model_copy(update={"parent_run": table.codes("run_id").names[0], "iteration": spec.iteration + 1})
+    child = spec.model_copy(update=descent(spec, table.codes("run_id").names[0]))
     if not any(block.design in LISTED for block in spec.blocks):
         share = max(needed / sum(block.count or 1 for block in spec.blocks), 1.0)
         blocks = tuple(
@@ -195,7 +205,6 @@ def _child(spec: RunSpec, table: EvaluationTable, block: BlockDocument) -> RunSp
     update = {
         "blocks": (block.model_copy(update={"constants": {}}),),
         "constants": {**spec.constants, **block.constants},
-        "parent_run": table.codes("run_id").names[0],
-        "iteration": spec.iteration + 1,
+        **descent(spec, table.codes("run_id").names[0]),
     }
     return spec.model_copy(update=update)

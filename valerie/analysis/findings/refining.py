@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final, assert_never
 
+from valerie.analysis.findings.child_specs import descent
 from valerie.analysis.findings.region import Arc, Bound, Choices, Range, Region
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.blocks import GRID, POINTS, Block, Variation
@@ -76,8 +77,7 @@ def halved_spec(
         update={
             "blocks": tuple(refined),
             "constants": of_run,
-            "parent_run": run_id,
-            "iteration": spec.iteration + 1,
+            **descent(spec, run_id),
             "seed": spec.seed + 1,
         }
     )

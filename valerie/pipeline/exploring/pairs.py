@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from valerie.analysis.comparison.before_after import version_scores
 from valerie.analysis.rows.pairing import SAME_FRAME, SAME_MOMENT
 from valerie.errors import UnknownName
 from valerie.parameters.constraints import Sql, quoted
@@ -55,6 +56,7 @@ class Comparison:
         difference: mean pACC of the second side minus that of the first, over places; None without pairs.
         low, high: its interval with 95 % confidence.
         places: number of places behind it.
+        precision, iou: of each side's frames that show a matched person, from pooled counts; None without any.
         pairs: the pairs of the requested outcome that differ most.
     """
 
@@ -65,6 +67,8 @@ class Comparison:
     low: float | None
     high: float | None
     places: int
+    precision: tuple[float | None, float | None]
+    iou: tuple[float | None, float | None]
     pairs: list[Pair]
 
 
@@ -129,6 +133,10 @@ def compare_sides(
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
     places = exploration.table.places[a]
     (verdict,) = compare_versions(pa_, pb, places, {"all": np.ones(len(a), np.bool_)}, threshold=threshold).slices
+    first, second = (
+        version_scores(exploration.table, rows, np.unique(exploration.table.evaluations[rows]), threshold)
+        for rows in (a, b)
+    )
     defined = np.isfinite(exploration.table.numbers("pacc"))
     return Comparison(
         rows=(_rows_of(exploration, before, defined & selection.rows), _rows_of(exploration, after, defined)),
@@ -138,6 +146,8 @@ def compare_sides(
         low=verdict.low,
         high=verdict.high,
         places=verdict.places,
+        precision=(first.precision_pooled, second.precision_pooled),
+        iou=(first.iou_pooled, second.iou_pooled),
         pairs=_pairs(zip(a[chosen], b[chosen], pa_[chosen], pb[chosen], strict=True)),
     )
 

@@ -213,7 +213,7 @@ def test_a_finding_of_a_grid_proposes_positions_between_those_of_the_run(run):
     child = parse(finding.spec)
     listed = {vary.parameter: vary.values for vary in child.blocks[0].vary}
 
-    assert (child.parent_run, child.iteration, child.name) == ("run-1", 1, "suns")
+    assert (child.parent_run, child.iteration, child.name) == ("run-1", 1, "suns refined")
     assert listed[SUN] == (140.0, 260.0)
     assert listed["scene.person-1.character"] == ("black-outfit", "yellow-shirt")
     assert not set(listed["scene.person-1.pos.x"]) & set(PLACES["xs"])

@@ -52,7 +52,8 @@ def test_steps_are_halved_inside_the_region_and_old_steps_stay_on_the_grid() -> 
 
 def test_refining_twice_quarters_the_steps() -> None:
     once = refine(GRID)
-    twice = refine(once.model_dump(mode="json", exclude_defaults=True) | {"name": "a"})
+    twice = refine(once.model_dump(mode="json", exclude_defaults=True) | {"name": once.name})
+    assert (once.name, twice.name) == ("a refined", "a refined 2")
     assert vary(twice)[0]["step"] == 0.25
     assert twice.iteration == 2
 

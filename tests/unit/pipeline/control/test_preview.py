@@ -6,6 +6,8 @@ import base64
 import json
 import struct
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from threading import Thread
@@ -15,6 +17,7 @@ import pytest
 from tests.world.drawn import DrawnWorld, spec
 from tests.world.world import settings_of
 from valerie.errors import MissingDependency, RenderingError, TransientError
+from valerie.pipeline.control import preview
 from valerie.pipeline.control.preview import Previewed, Previews
 from valerie.runs.resolving.spec import parse
 
@@ -47,6 +50,19 @@ def test_a_child_that_hangs_is_ended(tmp_path: Path) -> None:
     hanging = previews(tmp_path, f"{READ} time.sleep(600)", seconds=1.0)
     with pytest.raises(TransientError, match="longer than 1 s"):
         hanging.render(parse(spec("n")), [0])
+
+
+def test_a_request_behind_a_long_one_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(preview, "_PATIENCE_SECONDS", 0.1)
+    started = tmp_path / "started"
+    busy = previews(tmp_path, f"{READ} open({str(started)!r}, 'w'); time.sleep(600)", seconds=2.0)
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(busy.render, parse(spec("n")), [0])
+        while not started.exists():
+            time.sleep(0.01)
+        with pytest.raises(TransientError, match="another preview is being rendered; try again"):
+            busy.render(parse(spec("n")), [0])
+    assert "longer than 2 s" in str(first.exception())
 
 
 @pytest.mark.parametrize("program", ["raise SystemExit(1)", f"{READ} raise SystemExit(1)", answering({"odd": 1})])

@@ -120,6 +120,7 @@ def test_a_selection_becomes_the_spec_of_a_run_that_looks_closer(api: httpx.Clie
     (block,) = child.blocks
     varied = {one.parameter: one for one in block.vary}
     assert (child.parent_run, child.iteration, block.count) == (drawn.finished, 1, 7)
+    assert child.name == "finished refined"
     assert (varied["scene.person-1.pos.y"].minimum, varied["scene.person-1.pos.y"].maximum) == (15.0, 35.0)
     assert child.constants["scene.person-1.character"] == CHARACTERS[0]
     draft = api.post("/v1/draft", json={"text": answer["yaml"]}).json()
@@ -147,6 +148,15 @@ def test_two_runs_are_explored_together_and_matched(api: httpx.Client, drawn: Dr
         a, b = (answer["rows"][str(pair[side])] for side in ("before", "after"))
         assert (a["run_id"], b["run_id"]) == (drawn.finished, drawn.failed)
         assert a["frame_id"].split(".")[1:] == b["frame_id"].split(".")[1:]
+    pooled = dict.fromkeys(("tp", "fn", "fp"), 0)
+    for outcome in comparison["outcomes"]:
+        found = api.get("/v1/explore/comparison", params={**query, **sides, "outcome": outcome, "limit": 200}).json()
+        for pair in found["comparison"]["pairs"]:  # one person in each frame
+            for name in pooled:
+                pooled[name] += found["rows"][str(pair["after"])][name]
+    found = pooled["tp"]
+    assert comparison["precision"][1] == pytest.approx(found / (found + pooled["fp"]))
+    assert comparison["iou"][1] == pytest.approx(found / sum(pooled.values()))
     refused = api.get("/v1/explore/comparison", params={**query, **sides, "after": "x:y"})
     assert refused.json()["errors"][0]["field"] == "after"
 

@@ -65,9 +65,11 @@ def failing() -> Iterator[httpx.Client]:
 @pytest.mark.parametrize("number", range(len(ERRORS)))
 def test_an_error_of_valerie_has_a_title_in_words_and_the_stable_type(failing: httpx.Client, number: int) -> None:
     error, status, title = ERRORS[number]
-    document = failing.get(f"/{number}").json()
+    answer = failing.get(f"/{number}")
+    document = answer.json()
     assert (document["type"], document["title"], document["status"]) == ("about:blank", title, status)
     assert document["detail"] == str(error)
+    assert answer.headers.get("Retry-After") == ("5" if status == 503 else None)
 
 
 def test_malformed_input_has_the_title_of_other_invalid_input(failing: httpx.Client) -> None:
