@@ -35,7 +35,7 @@ _ALGORITHMS: Final = (
 _TIMEOUT_S: Final = 5.0
 #: The provider's document and keys are read again after this time; for a signature by an unknown key, after the shorter one.
 _KEPT_S: Final = 3600.0
-_AGAIN_S: Final = 60.0
+AGAIN_S: Final = 60.0
 #: Difference between the provider's clock and this one's that does not count.
 _LEEWAY_S: Final = 30
 
@@ -131,7 +131,7 @@ class IdentityProvider:
 
     def _claims(self, token: str) -> JsonObject:
         """Return the claims of a token with a good signature; read the keys again if they may have changed."""
-        for latest in (_KEPT_S, _AGAIN_S):
+        for latest in (_KEPT_S, AGAIN_S):
             known = self._known(latest)
             try:
                 return cast("JsonObject", jwt.decode(token, known.keys, algorithms=_ALGORITHMS).claims)

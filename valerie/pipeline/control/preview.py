@@ -35,7 +35,7 @@ _NEAR: Final = 500
 #: minute more until Cycles has it.
 _SECONDS: Final = 90.0
 #: Longest time that a request waits for another one.
-_PATIENCE_SECONDS: Final = 60.0
+PATIENCE_SECONDS: Final = 60.0
 #: Settings that the child reads.
 _ENGINE_SETTINGS: Final = frozenset(
     {"cycles_python", "cycles_device", "cycles_threads", "cycles_silence_seconds", "cycles_max_memory_mb"}
@@ -150,7 +150,7 @@ class Previews:
     def _rendered(self, job: PreviewJob) -> _Rendered:
         if not job.frames:
             return _Rendered(PreviewAnswer(), job.renderer, None)
-        if not self._lock.acquire(timeout=_PATIENCE_SECONDS):
+        if not self._lock.acquire(timeout=PATIENCE_SECONDS):
             raise TransientError("another preview is being rendered; try again in a moment")
         try:
             answer, problem = self._first_answer(job)

@@ -53,7 +53,7 @@ def test_a_child_that_hangs_is_ended(tmp_path: Path) -> None:
 
 
 def test_a_request_behind_a_long_one_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(preview, "_PATIENCE_SECONDS", 0.1)
+    monkeypatch.setattr(preview, "PATIENCE_SECONDS", 0.1)
     started = tmp_path / "started"
     busy = previews(tmp_path, f"{READ} open({str(started)!r}, 'w'); time.sleep(600)", seconds=2.0)
     with ThreadPoolExecutor(1) as pool:

@@ -139,7 +139,7 @@ def test_a_new_key_of_the_provider_is_read_and_strangers_do_not_make_it_read_aga
     for _ in range(3):
         assert posted(api, provider.token()).status_code == 401, "its keys were read a moment ago"
     assert provider.reads == 1
-    monkeypatch.setattr(identity_provider, "_AGAIN_S", 0.0)
+    monkeypatch.setattr(identity_provider, "AGAIN_S", 0.0)
     assert posted(api, provider.token()).status_code == 201
     assert provider.reads == 2
 
