@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
 from sqlalchemy import ColumnElement, and_, bindparam, select, tuple_
 
@@ -14,6 +14,18 @@ from valerie.runs.products.frame_keys import FrameKey, FrameProducts
 
 #: A table whose rows name a frame.
 OfFrames = type[Frame] | type[Evaluation] | type[FrameAnnotation]
+
+#: Tables and their columns that link a frame to a picture, a truth, an annotation or a prediction, in the order of the stages.
+PICTURE_LINKS: Final[tuple[tuple[OfFrames, Any], ...]] = (
+    (Frame, Frame.background),
+    (Frame, Frame.layer),
+    (Frame, Frame.truth),
+    (FrameAnnotation, FrameAnnotation.product),
+    (Evaluation, Evaluation.prediction),
+    (Evaluation, Evaluation.empty),
+)
+#: All links of a frame to products.
+PRODUCT_LINKS: Final = (*PICTURE_LINKS, (Evaluation, Evaluation.scores))
 
 #: Joins a frame with its variant.
 VARIANT_OF_FRAME = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from sqlalchemy import Connection, bindparam, select
 from sqlalchemy.orm import aliased
 
-from valerie.db.links import OfFrames, among_frames, frame_order, frame_values, key_of, names_frame
+from valerie.db.links import PRODUCT_LINKS, among_frames, frame_order, frame_values, key_of, names_frame
 from valerie.db.long_table import COLUMNS
 from valerie.db.measured import FrameScore
-from valerie.db.models import Evaluation, Frame, FrameAnnotation, Product, Score
+from valerie.db.models import Evaluation, Product, Score
 from valerie.errors import NotFound
 from valerie.measures import Source, names_from
 from valerie.runs.products.frame_keys import FrameKey
@@ -192,17 +192,8 @@ class FailedLink(NamedTuple):
 
 def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[FailedLink]:
     """Read the final failures of a run, one entry per link, in the order of the stages."""
-    links: tuple[tuple[OfFrames, Any], ...] = (
-        (Frame, Frame.background),
-        (Frame, Frame.layer),
-        (Frame, Frame.truth),
-        (FrameAnnotation, FrameAnnotation.product),
-        (Evaluation, Evaluation.prediction),
-        (Evaluation, Evaluation.empty),
-        (Evaluation, Evaluation.scores),
-    )
     failed: list[FailedLink] = []
-    for table, column in links:
+    for table, column in PRODUCT_LINKS:
         query = (
             select(*frame_order(table), Product.digest, Product.kind, Product.error)
             .join(Product, Product.digest == column)

@@ -8,9 +8,9 @@ from typing import Any, Final
 
 from sqlalchemy import ColumnElement, Connection, bindparam, literal, or_, select, union, update
 
-from valerie.db.links import OfFrames, frame_order, key_of, same_frame
+from valerie.db.links import PICTURE_LINKS, OfFrames, frame_order, key_of, same_frame
 from valerie.db.long_table import COLUMNS
-from valerie.db.models import Evaluation, Frame, FrameAnnotation, PersonScore, Product
+from valerie.db.models import Evaluation, Frame, PersonScore, Product
 from valerie.db.statements import among
 from valerie.db.sweeping import Unlinked, keep_from_being_linked
 from valerie.runs.products.frame_keys import FrameKey
@@ -20,14 +20,6 @@ from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductSta
 _PLACE: Final = ("of_run", "of_variant", "of_camera", "of_time")
 #: Kinds of products that are numbers only, or have no links of their own.
 _STAYING: Final = (ProductKind.EVALUATION, ProductKind.LIGHT, ProductKind.STATICS)
-_LINKS: Final[tuple[tuple[OfFrames, Any], ...]] = (
-    (Frame, Frame.background),
-    (Frame, Frame.layer),
-    (Frame, Frame.truth),
-    (FrameAnnotation, FrameAnnotation.product),
-    (Evaluation, Evaluation.prediction),
-    (Evaluation, Evaluation.empty),
-)
 
 
 def kept_frames(connection: Connection, run_id: str, first: int, last: int) -> set[FrameKey]:
@@ -71,7 +63,7 @@ def park_unkept(connection: Connection, run_id: str, first: int, last: int) -> l
     """
     of_variants = (
         select(column).where(table.run_id == run_id, table.variant_index.between(first, last))
-        for table, column in _LINKS
+        for table, column in PICTURE_LINKS
     )
     return _park(connection, Product.digest.in_(union(*of_variants)))
 
@@ -89,7 +81,7 @@ def unkept(connection: Connection, *conditions: ColumnElement[bool]) -> list[Unl
             Product.kind.not_in(_STAYING),
             Product.route != UPLOADED_ROUTE,  # nobody could make it again
             *conditions,
-            *(~_kept_by(table, column) for table, column in _LINKS),
+            *(~_kept_by(table, column) for table, column in PICTURE_LINKS),
         )
     )
     return [Unlinked(*row) for row in rows]

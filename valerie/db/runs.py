@@ -11,6 +11,7 @@ from sqlalchemy import Connection, Subquery, delete, func, insert, select, union
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db import marks
+from valerie.db.links import PRODUCT_LINKS
 from valerie.db.models import (
     Assignment,
     Evaluation,
@@ -332,15 +333,7 @@ def remove(connection: Connection, run_id: str) -> None:
 
 def links_of(run_id: str) -> Subquery:
     """Return the digests of the products that a run links to, each once."""
-    return union(
-        select(Frame.background).where(Frame.run_id == run_id),
-        select(Frame.layer).where(Frame.run_id == run_id),
-        select(Frame.truth).where(Frame.run_id == run_id),
-        select(FrameAnnotation.product).where(FrameAnnotation.run_id == run_id),
-        select(Evaluation.prediction).where(Evaluation.run_id == run_id),
-        select(Evaluation.scores).where(Evaluation.run_id == run_id),
-        select(Evaluation.empty).where(Evaluation.run_id == run_id),
-    ).subquery()
+    return union(*(select(column).where(table.run_id == run_id) for table, column in PRODUCT_LINKS)).subquery()
 
 
 def linked_digests(connection: Connection, run_id: str, states: Collection[ProductState]) -> list[str]:
