@@ -260,12 +260,12 @@ def _pairs(run: GateRun, baseline: GateRun | str, function: str | None) -> list[
 
 
 def _require_same_frames(run: GateRun, baseline: GateRun) -> None:
-    differences = [difference.place for difference in differing(run.spec, baseline.spec)]
+    fields = {difference.place.partition(".")[0] for difference in differing(run.spec, baseline.spec)}
     if run.asset_digest != baseline.asset_digest:
-        differences.append("asset")
-    if differences:
+        fields.add("asset")
+    if fields:
         raise InvalidInput(
-            f"run {baseline.id} looked at other frames; what differs: {', '.join(differences)}", field="--baseline",
+            f"run {baseline.id} looked at other frames; what differs: {', '.join(sorted(fields))}", field="--baseline",
             value=baseline.id, limit=f"a run that differs only in {', '.join(sorted(FREE))}",
         )  # fmt: skip
 
