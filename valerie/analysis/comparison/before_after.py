@@ -13,7 +13,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.rows.frame_counts import frame_counts, present
+from valerie.analysis.rows.frame_counts import FrameCounts, frame_counts, present
 from valerie.analysis.rows.pairing import parts_of, row_keys
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
@@ -209,8 +209,9 @@ def compare(
     parts = {**(more_groups or {}), **parts_of(first)}
     masks = {"all persons": present(first), **{name: mask for name, mask in parts.items() if (mask & defined).any()}}
     differences = [differences_of(masks, first, table, threshold) for table in tables[1:]]
+    sides = [(table, frame_counts(table)) for table in tables]
     groups = [
-        _group(name, mask, tables, tuple(own[name] for own in differences), threshold) for name, mask in masks.items()
+        _group(name, mask, sides, tuple(own[name] for own in differences), threshold) for name, mask in masks.items()
     ]
     scores = [scores for _, scores in versions.values()]
     judged = scores[0].judged
@@ -265,29 +266,34 @@ def differences_of(
 def _group(
     name: str,
     mask: NDArray[np.bool_],
-    tables: Sequence[EvaluationTable],
+    sides: Sequence[tuple[EvaluationTable, FrameCounts]],
     differences: tuple[GroupDifference, ...],
     threshold: float,
 ) -> GroupComparison:
-    defined = mask & np.isfinite(tables[0].numbers("pacc"))
-    frames = np.unique(tables[0].evaluations[mask])
-    sides = tuple(version_scores(table, defined, frames, threshold) for table in tables)
-    return GroupComparison(name, int(defined.sum()), len(frames), sides, differences)
+    first = sides[0][0]
+    defined = mask & np.isfinite(first.numbers("pacc"))
+    frames = np.unique(first.evaluations[mask])
+    scores = tuple(version_scores(table, counts, defined, frames, threshold) for table, counts in sides)
+    return GroupComparison(name, int(defined.sum()), len(frames), scores, differences)
 
 
 def version_scores(
-    table: EvaluationTable, defined: NDArray[np.bool_] | NDArray[np.int64], frames: NDArray[np.int64], threshold: float
+    table: EvaluationTable,
+    counts: FrameCounts,
+    defined: NDArray[np.bool_] | NDArray[np.int64],
+    frames: NDArray[np.int64],
+    threshold: float,
 ) -> VersionScores:
     """Return the scores of some rows, with precision and IoU of some evaluations.
 
     Args:
         table: all rows of these evaluations.
+        counts: of the table.
         defined: mask or numbers of the rows, each with a pACC.
         frames: numbers of the evaluations.
         threshold: of the detection rate.
     """
     pacc, tp, fn = (table.numbers(name)[defined] for name in ("pacc", "tp", "fn"))
-    counts = frame_counts(table)
     tp_of_frames, fp, fn_of_frames = counts.tp[frames], counts.fp[frames], counts.fn[frames]
     union = tp_of_frames + fp + fn_of_frames
     return VersionScores(

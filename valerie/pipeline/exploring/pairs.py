@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from valerie.analysis.comparison.before_after import version_scores
+from valerie.analysis.rows.frame_counts import frame_counts
 from valerie.analysis.rows.pairing import SAME_FRAME, SAME_MOMENT
 from valerie.errors import UnknownName
 from valerie.parameters.constraints import Sql, quoted
@@ -133,9 +134,9 @@ def compare_sides(
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
     places = exploration.table.places[a]
     (verdict,) = compare_versions(pa_, pb, places, {"all": np.ones(len(a), np.bool_)}, threshold=threshold).slices
+    table, counts = exploration.table, frame_counts(exploration.table)
     first, second = (
-        version_scores(exploration.table, rows, np.unique(exploration.table.evaluations[rows]), threshold)
-        for rows in (a, b)
+        version_scores(table, counts, rows, np.unique(table.evaluations[rows]), threshold) for rows in (a, b)
     )
     defined = np.isfinite(exploration.table.numbers("pacc"))
     return Comparison(
