@@ -11,11 +11,12 @@ export const keepToken = (given) => sessionStorage.setItem(KEY, given);
 export const forgetToken = () => sessionStorage.removeItem(KEY);
 
 export class Problem extends Error {
-  constructor(status, title, detail, errors = []) {
+  constructor(status, title, detail, errors = [], again = null) {
     super(detail || title);
     this.status = status;
     this.title = title;
     this.errors = errors;
+    this.again = again; // seconds until the server may answer, where it says so
   }
 }
 
@@ -43,7 +44,7 @@ async function send(path, options = {}) {
     try {
       ({ title, detail, errors } = await response.json());
     } catch { /* no problem document */ }
-    throw new Problem(response.status, title, detail, errors);
+    throw new Problem(response.status, title, detail, errors, Number(response.headers.get("Retry-After")) || null);
   }
 }
 

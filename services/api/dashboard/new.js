@@ -3,7 +3,6 @@ import { get, post, postSpec } from "./api.js";
 import { confirm, h, put, toast } from "./dom.js";
 import { bytes, count, duration, plural, value } from "./format.js";
 import { editor } from "./editor.js";
-import { fieldChange } from "./fields.js";
 import { specForm } from "./form.js";
 import { may, role } from "./role.js";
 
@@ -41,7 +40,7 @@ export async function newView({ main, parameters, signal }) {
   let timer = null;
 
   const problems = h("div", { id: "problems", class: "slot", "aria-live": "polite" });
-  const planned = h("div", { "aria-live": "polite" });
+  const planned = h("div", { "aria-live": "polite" }, h("p", { class: "soft" }, "Planning …"));
   const pictures = previewSection({ signal });
   const submit = h("button", { type: "button", class: "primary", disabled: true, on: { click: () => send() } }, "Submit run");
   const submits = may("POST /v1/runs");
@@ -125,9 +124,9 @@ export async function newView({ main, parameters, signal }) {
     await begin(null);
   };
   const begin = async (written) => {
-    const source = async () => child ? (await get(`/v1/explore/spec?${parameters}`, { signal })).yaml : origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft`, { signal })).text : first(catalog);
+    const source = async () => child ? (await get(`/v1/explore/spec?${parameters}`, { signal })).yaml : origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft?child=${parent !== null}`, { signal })).text : first(catalog);
     text.text = written ?? await source();
-    await refresh(parent && !written ? [fieldChange("parent_run", parent), fieldChange("iteration", await roundOf(parent, signal))] : []);
+    await refresh();
   };
   const written = sessionStorage.getItem(kept);
   const left = h("p", { class: "soft small", hidden: written === null }, `What was written in this tab before. Start over begins ${origin ? "with the run's document" : "a new document"}.`);
@@ -150,8 +149,6 @@ export async function newView({ main, parameters, signal }) {
   await begin(written);
   return title;
 }
-
-const roundOf = async (id, signal) => (await get(`/v1/runs/${encodeURIComponent(id)}`, { signal })).iteration + 1;
 
 // A document to begin with.
 const first = ({ assets, functions }) => `name: new-run\nasset: ${assets[0] ?? "…"}\nresolution: {width: 960, height: 540}\nfunctions: [${functions.slice(0, 2).join(", ")}]\n`;
@@ -216,6 +213,7 @@ function previewSection({ signal }) {
     } catch (error) {
       if (error.name === "AbortError") return;
       state.textContent = error.message;
+      if (error.again) timer = setTimeout(ask, error.again * 1000);
     } finally {
       asking = false;
       figures.setAttribute("aria-busy", "false");

@@ -16,6 +16,7 @@ from services.api.schemas.drafts import DraftChanges, DraftRead, PreviewPicture,
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.control.preview import Previews
+from valerie.runs.document.descent import descent
 from valerie.runs.document.draft import changed_draft, draft_of, read_draft
 from valerie.runs.document.schema import run_spec_schema
 
@@ -53,9 +54,15 @@ def draft(changes: DraftChanges) -> DraftRead:
 
 
 @router.get("/runs/{run_id}/draft", responses=problems(404, 422), summary="The spec of a run as a text to go on from")
-def draft_of_run(run_id: RunId, context: ContextDependency) -> DraftRead:
+def draft_of_run(
+    run_id: RunId,
+    context: ContextDependency,
+    child: Annotated[bool, Query(description="the spec of a run that descends from this one")] = False,
+) -> DraftRead:
     with reading(context.engine) as connection:
         spec = runs.get(connection, run_id).spec
+    if child:
+        spec = spec.model_copy(update=descent(spec, run_id, change="edited"))
     return draft(DraftChanges(text=draft_of(spec)))
 
 

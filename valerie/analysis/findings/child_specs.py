@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from math import prod
 from typing import Final
@@ -14,6 +13,7 @@ from valerie.analysis.rows.levels import Factor
 from valerie.analysis.rows.table import EvaluationTable, combine
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
+from valerie.runs.document.descent import descent
 from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.document.varied import VariedChoice, VariedUniform
 from valerie.runs.values import Scalar
@@ -22,15 +22,6 @@ from valerie.statistics.units import LISTED
 
 #: Most new positions between two neighbours of a grid.
 _BETWEEN: Final = 20
-#: Most characters of a run's name in that of a refining run.
-_LONGEST: Final = 180
-
-
-def descent(spec: RunSpec, run_id: str) -> dict[str, Scalar]:
-    """Return the fields of a refining spec that tell it from the run's: another name, the parent and the iteration."""
-    base, iteration = re.sub(r" refined( \d+)?$", "", spec.name), spec.iteration + 1
-    name = f"{base[:_LONGEST]} refined" + (f" {iteration}" if iteration > 1 else "")
-    return {"name": name, "parent_run": run_id, "iteration": iteration}
 
 
 def child_spec(

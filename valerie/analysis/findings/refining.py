@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final, assert_never
 
-from valerie.analysis.findings.child_specs import descent
 from valerie.analysis.findings.region import Arc, Bound, Choices, Range, Region
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.blocks import GRID, POINTS, Block, Variation
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 from valerie.parameters.distributions import Choice, Constant, Gaussian, Homogeneous, Uniform
+from valerie.runs.document.descent import descent
 from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.document.varied import Varied, VariedChoice, VariedGaussian, VariedHomogeneous, VariedUniform
 from valerie.runs.values import Scalar
