@@ -290,6 +290,15 @@ def compare(
             help="Twice: a function of RUN, and the one of OTHER (or RUN) to compare it with.",
         ),
     ] = None,
+    across: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--across",
+            metavar="PARAMETER",
+            help="Match frames that differ in this parameter, which each run holds at a value of its own, such as "
+            "sun-1.elevation of a run by day and one at dusk; may be repeated.",
+        ),
+    ] = None,
     claims: Annotated[
         Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims on both sides.")
     ] = None,
@@ -321,7 +330,9 @@ def compare(
     require_format(output, (".html", ".csv", ".parquet", ".json"))
     statements = None if claims is None else read_claims(claims)
     with context_of(data_dir) as context:
-        comparison = compare_runs(context, run_id, other or run_id, functions=pair, claims=statements)
+        comparison = compare_runs(
+            context, run_id, other or run_id, functions=pair, claims=statements, across=across or ()
+        )
         if output is not None and output.suffix == ".html":
             html = report_with(context, run_id, claims=statements, other=comparison).html
             write_output(output, html.encode())

@@ -231,6 +231,14 @@ def comparison(
     after: _SideText,
     outcome: Annotated[PairOutcome, Query(description="of the pairs to return")] = PairOutcome.BROKEN,
     limit: Annotated[int, Query(ge=1, le=200)] = 24,
+    across: Annotated[
+        list[Annotated[str, Query(max_length=200)]] | None,
+        Query(
+            max_length=_MAX_COLUMNS,
+            description="varied parameters that each run holds at a value of its own; rows match across them",
+            examples=[["sun-1.elevation"]],
+        ),
+    ] = None,
 ) -> ComparisonRead:
     compared = compare_sides(
         exploration,
@@ -240,6 +248,7 @@ def comparison(
         threshold=threshold,
         outcome=outcome,
         limit=limit,
+        across=across or (),
     )
     numbers = [number for pair in compared.pairs for number in (pair.before, pair.after)]
     return ComparisonRead(comparison=compared, rows=_numbered(exploration, numbers))

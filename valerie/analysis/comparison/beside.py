@@ -1,6 +1,6 @@
 """Two runs of the same scenes compared: another render engine, another version of a function, another setting.
 
-Frames match if their scenes are equal (`valerie.pipeline.reading.reports` names the scenes); rows are paired by frame,
+Frames match if their scenes are equal (`valerie.pipeline.reading.scenes` names the scenes); rows are paired by frame,
 sensor setting, function and person, and judged by whole places (`valerie.statistics.gates`). Conclusions are tested in both
 runs on the rows that they share, so that neither has more evidence than the other.
 """

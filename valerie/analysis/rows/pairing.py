@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from dataclasses import replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -14,6 +14,7 @@ from valerie.analysis.rows.binning import bin_edges
 from valerie.analysis.rows.frame_counts import characters
 from valerie.analysis.rows.levels import unit_after
 from valerie.analysis.rows.table import EvaluationTable
+from valerie.errors import InvalidInput
 from valerie.parameters.paths import short_name
 from valerie.runs.products.frame_keys import FrameKey
 
@@ -61,6 +62,44 @@ def paired_rows(keys: Sequence[RowKey], others: Sequence[RowKey]) -> tuple[NDArr
     pairs = [(row, row_of[key]) for row, key in enumerate(keys) if key in row_of]
     first, second = np.array(pairs, np.int64).reshape(-1, 2).T
     return first, second
+
+
+@dataclass(frozen=True, slots=True)
+class HeldParameters:
+    """The parameters of two runs that are matched across some of them.
+
+    Attributes:
+        values: path to a value of each run.
+        varying: path to the id of a run that has several values.
+    """
+
+    values: Mapping[str, tuple[object, object]]
+    varying: Mapping[str, str]
+
+    @property
+    def own(self) -> list[str]:
+        """The paths that each run holds at a value of its own."""
+        return [path for path, (here, there) in self.values.items() if path not in self.varying and here != there]
+
+    def paths(self, names: Sequence[str], *, field: str) -> list[str]:
+        """Return the paths of parameters that neither run varies.
+
+        Args:
+            names: their names or paths.
+            field: of the names.
+
+        Raises:
+            InvalidInput: a parameter is unknown, or varies inside a run.
+        """
+        known = {name: path for path in self.values for name in (path, short_name(path))}
+        for name in names:
+            path = known.get(name, "")
+            if path and path not in self.varying:
+                continue
+            message = f"varies inside run {self.varying[path]}" if path else "no parameter of these runs"
+            own = ", ".join(map(short_name, self.own)) or "none"
+            raise InvalidInput(f"{message}; each run holds at a value of its own: {own}", field=field, value=name)
+        return [known[name] for name in names]
 
 
 def rows_taken(table: EvaluationTable, rows: ArrayLike) -> EvaluationTable:

@@ -15,7 +15,7 @@ from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.analysis.wording import counted, points
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.plain import JsonObject
-from valerie.runs.document.differing import FREE, differing
+from valerie.runs.document.differing import FREE, differing_fields
 from valerie.runs.products.pins import Pins
 from valerie.runs.resolving.spec import RunSpec
 from valerie.statistics.gates import Gate, SliceComparison, compare_versions, places_for_gate
@@ -260,12 +260,9 @@ def _pairs(run: GateRun, baseline: GateRun | str, function: str | None) -> list[
 
 
 def _require_same_frames(run: GateRun, baseline: GateRun) -> None:
-    fields = {difference.place.partition(".")[0] for difference in differing(run.spec, baseline.spec)}
-    if run.asset_digest != baseline.asset_digest:
-        fields.add("asset")
-    if fields:
+    if fields := differing_fields(run.spec, baseline.spec, same_asset=run.asset_digest == baseline.asset_digest):
         raise InvalidInput(
-            f"run {baseline.id} looked at other frames; what differs: {', '.join(sorted(fields))}", field="--baseline",
+            f"run {baseline.id} looked at other frames; what differs: {', '.join(fields)}", field="--baseline",
             value=baseline.id, limit=f"a run that differs only in {', '.join(sorted(FREE))}",
         )  # fmt: skip
 

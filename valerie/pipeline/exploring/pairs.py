@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from valerie.analysis.comparison.before_after import version_scores
 from valerie.analysis.rows.frame_counts import frame_counts
-from valerie.analysis.rows.pairing import SAME_FRAME, SAME_MOMENT
+from valerie.analysis.rows.pairing import SAME_FRAME, SAME_MOMENT, HeldParameters
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import UnknownName
 from valerie.parameters.constraints import Sql, quoted
 from valerie.pipeline.exploring.exploration import ROW, Exploration, Selection
@@ -90,6 +91,7 @@ def compare_sides(
     threshold: float,
     outcome: PairOutcome,
     limit: int,
+    across: Sequence[str] = (),
 ) -> Comparison:
     """Match the rows of two sides: by frame within a run, otherwise by varied parameters, camera and time.
 
@@ -100,16 +102,20 @@ def compare_sides(
         threshold: t of the detection rate.
         outcome: outcome of the pairs to return.
         limit: most pairs to return.
+        across: names or paths of varied parameters that each run holds at a value of its own; rows match across them.
 
     Raises:
         UnknownName: a side is not among the rows.
+        InvalidInput: a parameter of ``across`` is unknown or varies inside a run.
     """
     for field, side in (("before", before), ("after", after)):
         for kind, name in (("run", side.run), ("function", side.function)):
             known = exploration.table.codes("run_id" if kind == "run" else "function").names
             if name not in known:
                 raise UnknownName(f"{kind} of these rows", name, known, field=field)
-    keys = SAME_FRAME if before.run == after.run else (*SAME_MOMENT, *exploration.table.parameters)
+    crossed = _crossed(exploration.table, (before.run, after.run), across)
+    varied = (path for path in exploration.table.parameters if path not in crossed)
+    keys = SAME_FRAME if before.run == after.run else (*SAME_MOMENT, *varied)
     columns = ", ".join(quoted(name) for name in (ROW, "pacc", *keys))
     of = "run_id = ? AND function = ? AND pacc IS NOT NULL"
     same = " AND ".join(f"a.{quoted(key)} IS NOT DISTINCT FROM b.{quoted(key)}" for key in keys)
@@ -151,6 +157,21 @@ def compare_sides(
         iou=(first.iou_pooled, second.iou_pooled),
         pairs=_pairs(zip(a[chosen], b[chosen], pa_[chosen], pb[chosen], strict=True)),
     )
+
+
+def _crossed(table: EvaluationTable, runs: tuple[str, str], across: Sequence[str]) -> list[str]:
+    """Return the paths of the named parameters."""
+    if not across:
+        return []
+    values: dict[str, tuple[object, object]] = {}
+    varying = {}
+    masks = [pa.array(table.codes("run_id").where(run)) for run in runs]
+    for path in table.parameters:
+        here, there = (table.arrow[path].filter(mask).unique().to_pylist() for mask in masks)
+        values[path] = (here[0], there[0])
+        if len(here) > 1 or len(there) > 1:
+            varying[path] = runs[len(here) <= 1]
+    return HeldParameters(values, varying).paths(across, field="across")
 
 
 def largest_swings(exploration: Exploration, selection: Selection, *, limit: int) -> list[Swing]:

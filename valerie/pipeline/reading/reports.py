@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
 import pyarrow as pa
 import structlog
-from numpy.typing import NDArray
 from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
@@ -29,7 +27,6 @@ from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
 from valerie.errors import Conflict, TransientError, UnknownName, ValerieError
-from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import environment, software
@@ -38,6 +35,7 @@ from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
+from valerie.pipeline.reading.scenes import FrameCount, SceneRun, match_scenes
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.runs.document.differing import FREE, differing
 from valerie.runs.moments import duration
@@ -46,7 +44,6 @@ from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import ResolvedRun
-from valerie.scene.variation.variant import split
 
 log = structlog.get_logger()
 
@@ -147,6 +144,8 @@ def compare_runs(
     *,
     functions: tuple[str, str] | None = None,
     claims: Claims | None = None,
+    across: Sequence[str] = (),
+    progress: FrameCount | None = None,
 ) -> Beside:
     """Compare an ended run with another one of the same scenes, or two functions of one run.
 
@@ -156,11 +155,14 @@ def compare_runs(
         other: id of the other run; the same, to compare its functions.
         functions: a function of the run, and the one of the other run to compare it with; None: all that both have.
         claims: statements to test in both.
+        across: names or paths of parameters that each run holds at a value of its own; frames match across them.
+        progress: is told how many frames of a run were read, of how many.
 
     Raises:
-        NotFound, Conflict, InvalidInput, UnknownName: as for `report_with`.
+        NotFound, Conflict, UnknownName: as for `report_with`.
+        InvalidInput: likewise, or a parameter of ``across`` is unknown or varies inside a run.
     """
-    return _compared(context, _ended(context, run_id), other, claims, functions)
+    return _compared(context, _ended(context, run_id), other, claims, functions, across, progress)
 
 
 def _ended(context: Context, run_id: str) -> RunResults:
@@ -178,47 +180,45 @@ def _ended_row(connection: Connection, run_id: str) -> RunRow:
 
 
 def _compared(
-    context: Context, here: RunResults, other: str, claims: Claims | None, functions: tuple[str, str] | None = None
+    context: Context,
+    here: RunResults,
+    other: str,
+    claims: Claims | None,
+    functions: tuple[str, str] | None = None,
+    across: Sequence[str] = (),
+    progress: FrameCount | None = None,
 ) -> Beside:
     with reading(context.engine) as connection:
         row = _ended_row(connection, other)
     there = resolve_stored(row, context.settings)
     spec = here.stored.resolved.spec
-    differs = [difference_of_specs(*one) for one in differing(spec, there.resolved.spec, besides=_BESIDES)]
     own, compared = functions or (None, None)
+    name, table = _side(here.run, here.stored, here.table, own)
+    name_there, table_there = _side(row, there, read_table(context.engine, there), compared)
+    scenes, scenes_there, held = match_scenes(
+        SceneRun(here.stored, table), SceneRun(there, table_there), across, progress
+    )
+    differs = [difference_of_specs(*one) for one in differing(spec, there.resolved.spec, besides=_BESIDES)]
     return put_beside(
-        _side(here.run, here.stored, here.table, own),
-        _side(row, there, read_table(context.engine, there), compared),
+        ComparedRun(name, here.run.id, table, scenes),
+        ComparedRun(name_there, other, table_there, scenes_there),
         findings=[*here.analysis.findings.items, *here.analysis.findings.candidates],
         claims=claims,
-        differs=differs,
+        differs=[*held, *differs],
         threshold=spec.detection_threshold,
         seed=spec.seed,
     )
 
 
-def _side(run: RunRow, stored: StoredRun, table: EvaluationTable, function: str | None) -> ComparedRun:
-    """Return a run, or what one of its functions scored in it."""
+def _side(run: RunRow, stored: StoredRun, table: EvaluationTable, function: str | None) -> tuple[str, EvaluationTable]:
+    """Return the name and the rows of a run, or of one of its functions."""
     name = f"{run.name} ({stored.resolved.spec.engine})"
-    if function is not None:
-        functions = stored.resolved.spec.functions
-        if function not in functions:
-            raise UnknownName(f"function of run {run.id}", function, functions, field="--function")
-        table, name = table.select(table.codes("function").where(function)), f"{function} in {name}"
-    return ComparedRun(name, run.id, table, _scenes(stored, table))
-
-
-def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:
-    """Return the (N,) digest of each row's scene, camera and sensor values, without the engine."""
-    resolved = stored.resolved
-    scenes: dict[str, str] = {}
-    names = table.arrow["frame_id"].to_pylist()
-    for name in dict.fromkeys(names):
-        key = FrameKey.parse(name)
-        camera = resolved.cameras[key.camera]
-        inputs = split(resolved.at(resolved.space[key.variant].values, key.time), resolved.manifest, camera)
-        scenes[name] = digest("scene", resolved.asset_digest, camera, inputs.layer, inputs.sensor)
-    return np.array([scenes[name] for name in names], dtype=object)
+    if function is None:
+        return name, table
+    functions = stored.resolved.spec.functions
+    if function not in functions:
+        raise UnknownName(f"function of run {run.id}", function, functions, field="--function")
+    return f"{function} in {name}", table.select(table.codes("function").where(function))
 
 
 def _report_input(context: Context, results: RunResults) -> ReportInput:

@@ -28,6 +28,17 @@ def differing(here: RunSpec, there: RunSpec, *, besides: Collection[str] = FREE)
     yield from _differing(own, other, "")
 
 
+def differing_fields(here: RunSpec, there: RunSpec, *, same_asset: bool) -> list[str]:
+    """Return the names of the fields that change frames and differ, sorted.
+
+    Args:
+        here, there: the specs.
+        same_asset: whether the digests of their assets are equal, since an asset's files can change below its name.
+    """
+    fields = {difference.place.partition(".")[0] for difference in differing(here, there)}
+    return sorted(fields if same_asset else fields | {"asset"})
+
+
 def _differing(here: object, there: object, place: str) -> Iterator[Difference]:
     own, other = _entries(here), _entries(there)
     if own is None or other is None:

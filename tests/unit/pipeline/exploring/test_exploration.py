@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from tests.planted_tables import X, drawn, planted_table
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.exploring import linked_views
 from valerie.pipeline.exploring.exploration import Exploration
-from valerie.pipeline.exploring.pairs import PairOutcome, Side, compare_sides, largest_swings
+from valerie.pipeline.exploring.pairs import Comparison, PairOutcome, Side, compare_sides, largest_swings
 from valerie.runs.resolving.where import compile_where
 from valerie.statistics.intervals import Interval
 
@@ -193,6 +194,33 @@ def test_two_runs_are_matched_by_what_they_vary() -> None:
     assert compared.matched == 2
     assert [(pair.pacc_before, pair.pacc_after) for pair in compared.pairs] == [(0.1, 0.7)]
     assert compared.outcomes[PairOutcome.BROKEN] == 1
+
+
+def test_two_runs_are_matched_across_a_parameter_that_each_holds() -> None:
+    sun = "scene.sun-1.elevation"
+
+    def of_run(run: str, pacc: list[float], xs: list[float], elevations: list[float]) -> EvaluationTable:
+        plain = planted_table(pacc, xs, run_id=run)
+        columns = {name: plain.arrow[name] for name in plain.arrow.column_names}
+        return EvaluationTable.from_columns(columns | {sun: elevations}, {X: "FLOAT", sun: "FLOAT"})
+
+    tables = [of_run("day", [0.1, 0.9], [0, 1], [45, 45]), of_run("dusk", [0.7, 0.6], [1, 0], [5, 5]),
+              of_run("both", [0.7, 0.6], [1, 0], [5, 45])]  # fmt: skip
+    explored = Exploration(EvaluationTable.joined(tables))
+
+    def compared(after: str, *across: str) -> Comparison:
+        return compare_sides(
+            explored, explored.select(), Side("day", "net"), Side(after, "net"),
+            threshold=0.5, outcome=PairOutcome.FIXED, limit=5, across=across,
+        )  # fmt: skip
+
+    assert compared("dusk").matched == 0
+    assert [(pair.pacc_before, pair.pacc_after) for pair in compared("dusk", "sun-1.elevation").pairs] == [(0.1, 0.6)]
+    assert compared("dusk", sun).matched == 2
+    with pytest.raises(InvalidInput, match=r"across: no parameter .* own: sun-1.elevation; got moon"):
+        compared("dusk", "moon")
+    with pytest.raises(InvalidInput, match=r"across: varies inside run both; .*: none; got sun-1.elevation"):
+        compared("both", "sun-1.elevation")
 
 
 def test_the_largest_swing_is_between_rows_that_differ_in_one_parameter() -> None:

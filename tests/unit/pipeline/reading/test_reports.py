@@ -53,12 +53,39 @@ def test_runs_are_compared_scene_by_scene_and_the_report_shows_it(pipeline: Pipe
     assert all(f"{kind} {duration(seconds)}" in report.html for kind, seconds in spent.items())
 
 
+def test_a_day_run_is_compared_with_a_dusk_run_across_the_light_that_each_holds(pipeline: Pipeline) -> None:
+    day = pipeline.submit()
+    dusk = pipeline.submit(SMALL | {"constants": {"sun-1.elevation": 12, "sun-1.azimuth": 250}})
+    swept = pipeline.submit(
+        spec(xs=4, ys=3, vary=[*SMALL["vary"], ["sun-1.elevation", "HOMOGENEOUS", 10.0, 20.0, 10.0]])
+    )
+    assert [pipeline.run(run) for run in (day, dusk, swept)] == ["completed"] * 3
+    light = ("sun-1.elevation", "scene.sun-1.azimuth")
+    comparison = compare_runs(pipeline.context, day, dusk, across=light)
+    assert (comparison.frames, comparison.frames_here, comparison.frames_there) == (24, 24, 24)
+    assert comparison.differs == ("sun-1.elevation (45 here, 12 there)", "sun-1.azimuth (140 here, 250 there)")
+    for pair in (*comparison.functions[0].fell, *comparison.functions[0].rose):
+        assert pair.frame_here.partition(".")[2] == pair.frame_there.partition(".")[2]
+    # One of the two does not suffice, and the refusal names both.
+    with pytest.raises(InvalidInput, match=r"--across sun-1.azimuth --across sun-1.elevation` pairs"):
+        compare_runs(pipeline.context, day, dusk, across=light[:1])
+    with pytest.raises(InvalidInput, match=r"--across: no parameter .* own: sun-1.azimuth, sun-1.elevation; got moon"):
+        compare_runs(pipeline.context, day, dusk, across=("moon",))
+    with pytest.raises(InvalidInput, match=rf"--across: varies inside run {swept}; .*: none; got sun-1.elevation"):
+        compare_runs(pipeline.context, day, swept, across=light[:1])
+    # No option helps where a run varies the light.
+    with pytest.raises(InvalidInput, match=r"what differs: blocks.*no --across pairs"):
+        compare_runs(pipeline.context, day, swept)
+
+
 def test_another_street_and_a_running_run_are_refused(pipeline: Pipeline) -> None:
     here = pipeline.submit()
     moved = pipeline.submit(SMALL | {"constants": {"sun-1.azimuth": 77.0}})
     assert [pipeline.run(run) for run in (here, moved)] == ["completed"] * 2
-    with pytest.raises(InvalidInput, match="share no scene"):
+    options = "--across sun-1.azimuth"
+    with pytest.raises(InvalidInput, match=rf"no frame .* same scene.*: constants.* {options}` pairs") as refused:
         compare_runs(pipeline.context, here, moved)
+    assert refused.value.value == moved
     waiting = pipeline.submit(spec(xs=1, ys=1))
     with pytest.raises(Conflict, match="has no results"):
         compare_runs(pipeline.context, here, waiting)

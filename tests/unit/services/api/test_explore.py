@@ -159,6 +159,8 @@ def test_two_runs_are_explored_together_and_matched(api: httpx.Client, drawn: Dr
     assert comparison["iou"][1] == pytest.approx(found / sum(pooled.values()))
     refused = api.get("/v1/explore/comparison", params={**query, **sides, "after": "x:y"})
     assert refused.json()["errors"][0]["field"] == "after"
+    refused = api.get("/v1/explore/comparison", params={**query, **sides, "across": "nope"})
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "across")
 
 
 def test_a_selection_is_saved_listed_and_deleted(fresh: httpx.Client, drawn: DrawnRuns) -> None:
