@@ -192,7 +192,8 @@ def places_for_gate(
 ) -> int | None:
     """Return the number of places that each slice needs, to plan a run.
 
-    It assumes that only the t-test detects the drop and that only this slice is worse; usually fewer places suffice.
+    It assumes that only the t-test detects the drop and that only this slice is worse; usually fewer places suffice. Places
+    that change equally have no spread, and p = 2⁻ᴳ by the signs of G places: no fewer are enough than reach the level so.
 
     Args:
         effect: smallest drop to detect.
@@ -204,7 +205,9 @@ def places_for_gate(
     Raises:
         InvalidInput: the effect is 0, or a probability lies outside 0…1.
     """
-    return places_needed(effect, deviation, alpha=false_discoveries / slices / _TESTS, power_wanted=power_wanted)
+    alpha = false_discoveries / slices
+    needed = places_needed(effect, deviation, alpha=alpha / _TESTS, power_wanted=power_wanted)
+    return None if needed is None else max(needed, int(np.ceil(-np.log2(alpha))))
 
 
 def t_test(differences: NDArray[np.float64]) -> float:

@@ -130,6 +130,23 @@ def test_as_many_places_as_asked_for_find_the_drop():
     assert np.mean(named) / 3 >= 0.85
 
 
+@pytest.mark.parametrize("slices", [1, 8])
+def test_places_that_change_equally_are_enough_only_once_their_number_alone_can_show_a_drop(slices):
+    def first(places):
+        scores, masks = np.full(places + 1, 0.9), {"all": np.arange(places + 1) < places}
+        # The other slices do not change.
+        masks |= {f"slice-{k}": np.arange(places + 1) == places for k in range(slices - 1)}
+        return compare_versions(scores, scores - 0.1 * masks["all"], np.arange(places + 1), masks).slices[0]
+
+    needed = first(3).places_needed
+    assert needed == places_for_gate(0.05, 0.0, slices)
+    for places in (2, 3, needed - 1):
+        assert (first(places).worse, first(places).too_few) == (False, True)
+    assert (first(needed).worse, first(needed).too_few) == (True, False)
+    # A spread that is only almost 0 does not need fewer.
+    assert places_for_gate(0.05, 1e-6, slices) == needed
+
+
 def test_bad_input_is_refused_by_name():
     scores, places = np.array([0.2, 0.8, 0.6, 0.4]), np.arange(4)
     with pytest.raises(InvalidInput, match="version"):
