@@ -21,7 +21,7 @@ def renderables(beside: Beside) -> list[RenderableType]:
     from rich.table import Table
     from rich.text import Text
 
-    from valerie.analysis.comparison.wording import fidelity_sentence, span_text
+    from valerie.analysis.comparison.wording import fidelity_sentence, span_text, undecided_groups
     from valerie.analysis.wording import percent, points
 
     parts: list[RenderableType] = [
@@ -48,6 +48,8 @@ def renderables(beside: Beside) -> list[RenderableType]:
                 {"worse": "lower there", "better": "higher there", "": ""}[own.judgement],
             )
         parts.append(table)
+        if undecided := undecided_groups({part.name: part.difference for part in comparison.slices}):
+            parts.append(Text(f"  {undecided}", "dim"))
         parts.append(Text(f"  {fidelity_sentence(comparison.fidelity)}", "dim"))
         parts += [
             Text(

@@ -192,21 +192,21 @@ def renderables(result: GateResult) -> list[RenderableType]:
     """Return a gate's result for a rich console: verdicts, then the slices that became worse, then all others."""
     from rich.text import Text
 
+    from valerie.analysis.comparison.wording import undecided_text
     from valerie.analysis.verdicts.gate import slice_text
     from valerie.analysis.verdicts.text import verdicts_renderable
 
     parts: list[RenderableType] = [verdicts_renderable(result.verdicts), ""] if result.verdicts else []
     for version in result.versions:
         worse, slices = len(version.gate.worse), version.gate.slices
-        few = sum(item.too_few for item in slices if not item.worse)
+        few = {item.name: (item.places, item.places_needed) for item in slices if item.too_few and not item.worse}
         head = f"{version.version} against {version.baseline}: "
         if version.undecided:
-            head += f"undecided, since its places are too few to show a drop of {100 * version.gate.effect:g} points"
+            head += "undecided"
         else:
             head += f"worse in {worse:,} of {len(slices):,} slices" if worse else "nowhere shown to be worse"
-        if few and not version.undecided:
-            head += f"; {few:,} of {len(slices):,} slices have too few places to show a drop of "
-            head += f"{100 * version.gate.effect:g} points"
+        if few:
+            head += f"; {undecided_text(few, len(slices), f'a drop of {100 * version.gate.effect:g} points')}"
         parts.append(Text(head, style="bold red" if worse else "bold"))
         for item in sorted(slices, key=lambda item: not item.worse):
             text = f"  {'WORSE  ' if item.worse else ''}{item.name}: {slice_text(item, version.gate.effect)}"
@@ -216,7 +216,7 @@ def renderables(result: GateResult) -> list[RenderableType]:
         parts.append("")
     reasons = [f"{one.id} by {one.function} is {one.outcome}" for one in result.verdicts if not result.passes(one)]
     reasons += [
-        f"{one.version} against {one.baseline} is undecided"
+        f"{one.version} against {one.baseline} is undecided, since its places are too few"
         if one.undecided
         else f"{one.version} is worse than {one.baseline}"
         for one in result.versions

@@ -89,7 +89,7 @@ def test_a_run_without_findings_says_how_much_was_looked_at() -> None:
 
 
 def test_a_change_between_versions_has_its_interval_and_its_flips() -> None:
-    own = GroupDifference(0.048, 0.01, 0.09, 20, 2, 7, "better", Estimand.DESIGN_BOX)
+    own = GroupDifference(0.048, 0.01, 0.09, 20, 2, 7, "better", Estimand.DESIGN_BOX, 20)
     assert change_sentence(VersionChange("group", "far", 0.5, 0.55, 0.048, own)) == (
         "far: mean pACC 50.0 → 55.0 % (+4.8 points by place, 95 % [+1.0, +9.0] for the space that the design "
         "draws from, 20 places; 2 lost, 7 gained)"

@@ -48,6 +48,16 @@ def test_two_functions_of_a_run_are_compared_person_by_person(run: tuple[Path, s
     assert comparison["fell"][0]["there"] - comparison["fell"][0]["here"] == pytest.approx(falls[0])
     printed = called(run, "compare", "--function", HERE, "--function", THERE).stdout
     assert f"{HERE} here, {THERE} there" in printed
+    undecided = [
+        part
+        for part in comparison["slices"]
+        if not part["difference"]["judgement"] and part["difference"]["places_needed"] > part["difference"]["places"]
+    ]
+    own = undecided[0]["difference"]
+    words = " ".join(printed.split())
+    assert f"{len(undecided)} of {len(comparison['slices'])} slices are undecided: {undecided[0]['name']}" in words
+    need = f"{own['places']} places and needs about {own['places_needed']:,} to show a change of 5 points"
+    assert f"'{undecided[0]['name']}' has {need}" in words
 
 
 def test_the_report_of_a_comparison_shows_the_worst_regressions(run: tuple[Path, str], tmp_path: Path) -> None:

@@ -100,10 +100,17 @@ def test_a_function_worse_than_its_baseline_shuts_the_gate(deployed: tuple[Path,
 
 def test_a_gate_says_in_how_many_slices_a_drop_would_not_show(deployed: tuple[Path, str, str, str]) -> None:
     printed = gated(deployed, deployed[1], "--baseline", BETTER, "--effect", "0.001", code=Exit.GATE_FAILED)
-    (head,) = (line for line in printed.splitlines() if " slices have too few places" in line)
-    said = re.search(r"; (\d+) of \d+ slices have too few places to show a drop of 0.1 points", head)
-    assert said is not None
+    (head,) = (line for line in printed.splitlines() if "undecided" in line)
+    said = re.search(
+        r"; (\d+) of \d+ slices (?:is|are) undecided: (.+?)(?:,.*|;) '(.+)' has (\S+) places and needs about (\S+) to show a "
+        r"drop of 0.1 points", head,
+    )  # fmt: skip
+    assert said is not None, head
     assert int(said[1]) == printed.count("; too few: ") > 0
+    assert said[2] == said[3]
+    (line,) = (line for line in printed.splitlines() if line.startswith(f"  {said[3]}: "))
+    assert f" at {said[4]} places" in line
+    assert f"too few: {said[5]} places" in line
 
 
 def test_a_run_on_the_same_frames_is_a_baseline(deployed: tuple[Path, str, str, str]) -> None:

@@ -26,6 +26,8 @@ from valerie.statistics.units import Estimand
 _FALSE_DISCOVERIES: Final = 0.025
 #: Smallest change of a pooled score that counts as better or worse: one percentage point.
 _CLASS_STEP: Final = 0.01
+#: Change of mean pACC that a group needs enough places to show; the gate's default, too.
+EFFECT: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,7 @@ class GroupDifference:
         lost, gained: persons that only the first version detects; persons that only the later one detects.
         judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
         estimand: what the mean and its interval are over.
+        places_needed: places that show a change of `EFFECT`; None: unknown.
     """
 
     mean: float
@@ -70,6 +73,12 @@ class GroupDifference:
     gained: int
     judgement: Literal["better", "worse", ""]
     estimand: Estimand
+    places_needed: int | None
+
+    @property
+    def undecided(self) -> bool:
+        """True if no change is clear, and the places are too few to show one, or nobody knows."""
+        return not self.judgement and (self.places_needed is None or self.places_needed > self.places)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,8 +254,9 @@ def differences_of(
 
     def gate(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[SliceComparison, ...]:
         return compare_versions(
-            one, other, first.places, masks, threshold=threshold, false_discoveries=_FALSE_DISCOVERIES
-        ).slices
+            one, other, first.places, masks,
+            threshold=threshold, effect=EFFECT, false_discoveries=_FALSE_DISCOVERIES,
+        ).slices  # fmt: skip
 
     return {
         fell.name: GroupDifference(
@@ -258,6 +268,7 @@ def differences_of(
             gained=fell.gained,
             judgement="worse" if fell.worse else "better" if rose.worse else "",
             estimand=first.units.estimand,
+            places_needed=fell.places_needed,
         )
         for fell, rose in zip(gate(before, after), gate(after, before), strict=True)
     }

@@ -208,7 +208,8 @@ class Beside:
                 {
                     "function": comparison.function, "function_there": comparison.function_there,
                     "sensor": comparison.sensor, "slice": part.name, "pairs": part.pairs,
-                    "places": part.difference.places, "pacc_here": part.here, "pacc_there": part.there,
+                    "places": part.difference.places, "places_needed": part.difference.places_needed,
+                    "pacc_here": part.here, "pacc_there": part.there,
                     "difference": part.difference.mean, "low": part.difference.low, "high": part.difference.high,
                     "estimand": part.difference.estimand.value,
                     "lost": part.difference.lost, "gained": part.difference.gained,

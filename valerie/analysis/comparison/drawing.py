@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from valerie.analysis.comparison.before_after import VersionComparison
-from valerie.analysis.comparison.wording import change_sentence, numeric_classes_sentence
+from valerie.analysis.comparison.wording import change_sentence, numeric_classes_sentence, undecided_groups
 from valerie.analysis.wording import classes_text, for_whom, percent
 
 #: Colours of Okabe and Ito (2008), distinguishable with all common forms of colour blindness.
@@ -74,6 +74,8 @@ def comparison_renderable(comparison: VersionComparison) -> RenderableType:
             changes = [change_sentence(change) for change in comparison.changes(number) if sign * change.step > 0]
             parts.append(Text(f"\n{version}, {title}:", style="bold"))
             parts += [Text(f"  {line}") for line in changes or [f"nothing is clearly {title}"]]
+        if undecided := undecided_groups({group.name: group.differences[number - 1] for group in comparison.groups}):
+            parts.append(Text(undecided, style="dim"))
     return Group(*parts)
 
 

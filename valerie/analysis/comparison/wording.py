@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
-from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
-from valerie.analysis.wording import for_whom, percent, points, population
+from valerie.analysis.comparison.before_after import EFFECT, GroupDifference, VersionChange, VersionComparison
+from valerie.analysis.wording import counted, for_whom, percent, points, population
 from valerie.measures import measure_of
 from valerie.statistics.fidelity import Fidelity
+
+#: Most undecided slices that a sentence names.
+_NAMED: Final = 5
 
 
 def change_sentence(change: VersionChange) -> str:
@@ -33,6 +37,31 @@ def span_text(difference: GroupDifference) -> str:
         return ""
     ends = f"[{points(difference.low)}, {points(difference.high)}]"
     return f", 95 % {ends}{for_whom(difference.estimand)}"
+
+
+def undecided_text(undecided: Mapping[str, tuple[int, int | None]], slices: int, change: str) -> str:
+    """Return which slices are undecided, and how many places the first one needs.
+
+    Args:
+        undecided: name to places and needed places of each, at least one.
+        slices: number of all slices.
+        change: the change to show, such as ``a drop of 5 points``.
+    """
+    names = list(undecided)
+    rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    places, needed = undecided[names[0]]
+    need = "needs an unknown number" if needed is None else f"needs about {needed:,}"
+    return (
+        f"{len(names):,} of {counted(slices, 'slice')} {'is' if len(names) == 1 else 'are'} undecided: "
+        f"{', '.join(names[:_NAMED])}{rest}; '{names[0]}' has {counted(places, 'place')} and {need} to show {change}"
+    )
+
+
+def undecided_groups(differences: Mapping[str, GroupDifference]) -> str:
+    """Return the undecided groups of a comparison as a sentence; empty if all are decided."""
+    undecided = {name: (own.places, own.places_needed) for name, own in differences.items() if own.undecided}
+    change = f"a change of {100 * EFFECT:g} points"
+    return f"{undecided_text(undecided, len(differences), change)}." if undecided else ""
 
 
 def numeric_classes_sentence(comparison: VersionComparison) -> str:
