@@ -91,6 +91,7 @@ _RATES: Final[JsonObject] = {
     "undefined": {"fully hidden": 2},
     "pacc": INTERVAL,
     "detected": {**INTERVAL, "low": 0.8, "high": 0.97, "estimate": 0.93},
+    "why": "",
 }
 
 

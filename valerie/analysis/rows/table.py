@@ -244,18 +244,29 @@ class EvaluationTable:
     @cached_property
     def units(self) -> Units:
         """Sampling units of the rows by the designs of the runs (`valerie.statistics.units`)."""
-        variants = combine([self.codes("run_id").index, self.numbers("variant_index")])
+        return self._units_among(self._by_run, np.ones(len(self), np.bool_))
+
+    def units_in_run(self, run: str, rows: NDArray[np.bool_]) -> Units:
+        """Return the sampling units of some rows ((N,) bool) of one run by its own design, whatever the other runs' are."""
+        design, of_run = self._by_run[self.codes("run_id").names.index(run)]
+        if run not in self._run_units:
+            self._run_units[run] = self._units_among([(design, of_run)], of_run)
+        return self._run_units[run].of(rows[of_run])
+
+    def _units_among(self, by_run: Sequence[tuple[Design, NDArray[np.bool_]]], of: NDArray[np.bool_]) -> Units:
+        """Return the units of the rows ``of`` some runs."""
+        variants = combine([self.codes("run_id").index[of], self._variants[of]])
         designs, numbers = set(), np.zeros(len(self), np.int64)
-        for run, (design, rows) in enumerate(self._by_run):
+        for run, (design, rows) in enumerate(by_run):
             name, replicate = design.design_of(self._variants[rows])
             designs.add(name)
             if replicate is not None:
-                numbers[rows] = replicate * len(self._by_run) + run
+                numbers[rows] = replicate * len(by_run) + run
         if designs <= EVEN:
-            return sampling_units("sobol", variants, replicate=numbers)
+            return sampling_units("sobol", variants, replicate=numbers[of])
         if "grid" not in designs:
             return sampling_units("random", variants)
-        return sampling_units("grid", variants, sites=self._sites)
+        return sampling_units("grid", variants, sites=self._sites[of])
 
     @cached_property
     def places(self) -> NDArray[np.int64]:
@@ -290,6 +301,10 @@ class EvaluationTable:
             if design.site is not None:
                 sites[rows] = design.site
         return sites
+
+    @cached_property
+    def _run_units(self) -> dict[str, Units]:
+        return {}
 
     @cached_property
     def _numbers(self) -> dict[str, NDArray[np.float64]]:

@@ -32,21 +32,22 @@ def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
 
 
 def interval_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[str]:
-    """Return what intervals are for; empty without any."""
-    units = {(interval.estimand, interval.units) for interval in intervals if isinstance(interval, Interval)}
-    if not units:
-        return []
-    estimand, most = max(units, key=lambda entry: entry[1])
-    return [f"[95 % interval] for {population(estimand)}, from {most:,} {unit_noun(estimand)}."]
+    """Return what intervals are for, once for each kind of design; empty without any."""
+    most: dict[Estimand, int] = {}
+    for interval in intervals:
+        if isinstance(interval, Interval):
+            most[interval.estimand] = max(interval.units, most.get(interval.estimand, 0))
+    return [f"[95 % interval] for {population(one)}, from {units:,} {unit_noun(one)}." for one, units in most.items()]
 
 
 def refusal_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[str]:
     """Return the reasons for missing intervals, each once."""
     refusals = (interval for interval in intervals if isinstance(interval, Refusal))
-    return [f"No confidence interval: {reason}." for reason in dict.fromkeys(map(_refusal, refusals))]
+    return [f"No confidence interval: {reason}." for reason in dict.fromkeys(map(refusal_text, refusals))]
 
 
-def _refusal(refusal: Refusal) -> str:
+def refusal_text(refusal: Refusal) -> str:
+    """Return the reason for a missing interval."""
     units, more = f"{refusal.units} {unit_noun(refusal.estimand)}", refusal.more_units
     match refusal.reason:
         case Shortfall.LISTED:

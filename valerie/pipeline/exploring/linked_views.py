@@ -10,6 +10,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.summary.wording import refusal_text
 from valerie.errors import InvalidInput
 from valerie.measures import Cell
 from valerie.pipeline.exploring.bins import Grid
@@ -192,12 +194,14 @@ class Rates:
         undefined: reason to number of rows without.
         pacc: interval of the mean pACC, or the reason why there is none.
         detected: likewise of the share of persons with pACC ≥ the threshold.
+        why: the reason why there is no interval, in words; empty if there is one.
     """
 
     persons: int
     undefined: dict[str, int]
     pacc: Interval | Refusal
     detected: Interval | Refusal
+    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +223,7 @@ class GroupRates:
 def rates(
     exploration: Exploration, selected: NDArray[np.bool_], beside: NDArray[np.bool_], threshold: float
 ) -> list[GroupRates]:
-    """Return the rates of two sets of rows, by run, function and sensor.
+    """Return the rates of two sets of rows, by run, function and sensor; each run has the units of its own design.
 
     Args:
         exploration: the rows.
@@ -239,23 +243,24 @@ def rates(
                 names[0].names[run],
                 names[1].names[function],
                 names[2].names[sensor],
-                _rates(exploration, of & selected, threshold),
-                _rates(exploration, of & beside, threshold),
+                _rates(table, names[0].names[run], of & selected, threshold),
+                _rates(table, names[0].names[run], of & beside, threshold),
             )
         )
     return answer
 
 
-def _rates(exploration: Exploration, rows: NDArray[np.bool_], threshold: float) -> Rates:
-    table = exploration.table
+def _rates(table: EvaluationTable, run: str, rows: NDArray[np.bool_], threshold: float) -> Rates:
     pacc = table.numbers("pacc")
     known = rows & np.isfinite(pacc)
     reasons = table.codes("undefined_reason")
     lacking = np.bincount(reasons.index[rows & ~known] + 1, minlength=len(reasons.names) + 1)[1:]
-    units = table.units.of(known)
+    units = table.units_in_run(run, known)
+    mean = mean_interval(pacc[known], units)
     return Rates(
         int(np.count_nonzero(known)),
         {name: int(n) for name, n in zip(reasons.names, lacking, strict=True) if n},
-        mean_interval(pacc[known], units),
+        mean,
         mean_interval(pacc[known] >= threshold, units),
+        refusal_text(mean) if isinstance(mean, Refusal) else "",
     )

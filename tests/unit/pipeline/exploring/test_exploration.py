@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.planted_tables import X, drawn, planted_table
+from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.exploring import linked_views
@@ -13,6 +14,7 @@ from valerie.pipeline.exploring.exploration import Exploration
 from valerie.pipeline.exploring.pairs import Comparison, PairOutcome, Side, compare_sides, largest_swings
 from valerie.runs.resolving.where import compile_where
 from valerie.statistics.intervals import Interval
+from valerie.statistics.units import Estimand
 
 VARIANTS = 60
 
@@ -158,6 +160,26 @@ def test_rates_of_selection_and_rest_are_the_means_of_their_rows(explored: Explo
             assert isinstance(side.pacc, Interval)
             assert side.pacc.estimate == pytest.approx(np.mean(known))
             assert side.detected.estimate == pytest.approx(np.mean([score >= 0.5 for score in known]))
+
+
+def test_each_run_keeps_the_interval_of_its_own_design_or_the_reason_for_none() -> None:
+    scores = np.random.default_rng(2).uniform(0.2, 0.9, 30)
+    runs = {"listed": ("grid", 30), "drawn": ("random", 30), "few": ("random", 4)}
+    tables = []
+    for run, (kind, count) in runs.items():
+        plain = planted_table(scores[:count], range(count), run_id=run)
+        tables.append(EvaluationTable(plain.arrow, plain.parameters, {run: Design(((kind, count),))}))
+    together, everything = Exploration(EvaluationTable.joined(tables)), np.ones(64, np.bool_)
+    drawn, few, listed = linked_views.rates(together, everything, ~everything, 0.5)
+    assert [drawn.run, few.run, listed.run] == ["drawn", "few", "listed"]
+    for group, table in ((listed, tables[0]), (drawn, tables[1]), (few, tables[2])):
+        own = np.ones(len(table), np.bool_)
+        (alone,) = linked_views.rates(Exploration(table), own, ~own, 0.5)
+        assert (group.selected.pacc, group.selected.why) == (alone.selected.pacc, alone.selected.why)
+    assert isinstance(drawn.selected.pacc, Interval)
+    assert (drawn.selected.pacc.estimand, drawn.selected.why) == (Estimand.DESIGN_BOX, "")
+    assert few.selected.why == "4 variants are too few; 2 more would do"
+    assert listed.selected.why.startswith("the variants are listed, not drawn at random")
 
 
 def test_two_functions_are_matched_frame_by_frame(explored: Exploration) -> None:
