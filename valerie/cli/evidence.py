@@ -73,6 +73,7 @@ def verify(
     a frame cannot be replayed on this machine.
     """
     from valerie.pipeline.evidence.evidence_manifest import Refused
+    from valerie.pipeline.evidence.verifying import UNSIGNED
     from valerie.pipeline.evidence.verifying import verify as verify_folder
 
     pictures: list[ReplayedPicture] = []
@@ -101,9 +102,9 @@ def verify(
             json.dumps(asdict(verified) | {"problems": [], "replayed": [asdict(picture) for picture in pictures]})
         )
     else:
-        unknown = "signer unknown" if verified.signed else "not signed: signer unknown"
-        signer = f"signed by key {verified.signer}" if verified.signer else unknown
-        typer.echo(f"{folder}: {verified.files:,} files are consistent, {signer}")
+        unknown = ", signer unknown" if verified.signed else f". {UNSIGNED}."
+        signer = f", signed by key {verified.signer}" if verified.signer else unknown
+        typer.echo(f"{folder}: {verified.files:,} files are consistent{signer}")
         typer.echo(f"root {verified.root}")
         for picture in pictures:
             typer.echo(f"{picture.file or 'frames'}: {picture.verdict}")

@@ -43,7 +43,11 @@ def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_w
     assert "files are consistent, signer unknown" in told("verify", str(folder))
     shutil.copytree(folder, tmp_path / "unsigned")
     (tmp_path / "unsigned" / SIGNED).unlink()
-    assert "files are consistent, not signed: signer unknown" in told("verify", str(tmp_path / "unsigned"))
+    assert "files are consistent. The folder is not signed: nothing shows where it came from; anyone can" in told(
+        "verify", str(tmp_path / "unsigned")
+    )
+    unsigned = told("verify", str(tmp_path / "unsigned"), "--key", f"{key}.pub", code=Exit.COMPLETED_WITH_FAILURES)
+    assert "The folder is not signed: nothing shows where it came from" in unsigned
     verified = json.loads(told("verify", str(folder), "--replay", "1", "--json"))
     assert (verified["root"], verified["signer"], verified["problems"]) == (exported["root"], None, [])
     assert [picture["verdict"] for picture in verified["replayed"]] == ["equal"] * 4

@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from hashlib import file_digest, sha256
 from pathlib import Path, PurePosixPath
@@ -183,7 +184,7 @@ def plain_files(folder: Path) -> list[str]:
     """
     problems: list[str] = []
     sizes: dict[str, int] = {}
-    entries = 0
+    names: list[str] = []
     folders = [""]
     walked: list[str] = []
     while folders:
@@ -193,9 +194,9 @@ def plain_files(folder: Path) -> list[str]:
             for entry in inside:
                 name = above + entry.name
                 status = entry.stat(follow_symlinks=False)
-                entries += 1
-                if entries > _MAX_ENTRIES:
-                    raise Refused([f"{name}: beyond {_MAX_ENTRIES:,} files and folders; limit: {MAX_FILES:,} files"])
+                if len(names) == _MAX_ENTRIES:
+                    raise _too_many(names, f"the first {_MAX_ENTRIES:,} files and folders")
+                names.append(name)
                 if not re.fullmatch(_PATH, name):
                     problems.append(f"{name!r}: {_PATH_LIMIT}")
                 elif stat.S_ISDIR(status.st_mode):
@@ -205,6 +206,8 @@ def plain_files(folder: Path) -> list[str]:
                 else:
                     kind = "a symbolic link" if stat.S_ISLNK(status.st_mode) else "neither a file nor a folder"
                     problems.append(f"{name}: {kind}")
+    if len(sizes) > MAX_FILES + len((MANIFEST, SIGNED)):
+        raise _too_many(sizes, f"{len(sizes):,} files")
     filled = {f"{parent}/" for name in sizes for parent in PurePosixPath(name).parents}
     if not problems:  # what is refused fills its folder, too
         problems += [f"{name[:-1]}: an empty folder" for name in walked[1:] if name not in filled]
@@ -214,6 +217,11 @@ def plain_files(folder: Path) -> list[str]:
     if problems:
         raise Refused(problems)
     return sorted(sizes)
+
+
+def _too_many(names: Iterable[str], of: str) -> Refused:
+    folder, count = Counter(str(PurePosixPath(name).parent) for name in names).most_common(1)[0]
+    return Refused([f"{folder}: holds {count:,} of {of}, more than any other folder; limit: {MAX_FILES:,} files"])
 
 
 def _scanned(folder: Path, name: str) -> AbstractContextManager[Iterator[os.DirEntry[str]]]:

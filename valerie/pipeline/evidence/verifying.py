@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from valerie.errors import InvalidInput
 from valerie.pipeline.evidence.evidence_manifest import (
@@ -16,6 +17,12 @@ from valerie.pipeline.evidence.evidence_manifest import (
     sha256_of,
 )
 from valerie.pipeline.evidence.signing import read_public_key, require_envelope, require_signature
+
+#: What follows from a missing signature.
+UNSIGNED: Final = (
+    "The folder is not signed: nothing shows where it came from; anyone can change files and list them anew. Ask its maker "
+    "for one that `valerie evidence export --key` signed, or compare the root with one that you trust"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,5 +75,5 @@ def verify(folder: Path, *, key: Path | None = None) -> Verified:
         if public is not None:
             signer = require_signature(envelope, public)
     elif public is not None:
-        raise Refused([f"{SIGNED}: missing; the folder is not signed"])
+        raise Refused([f"{SIGNED}: missing. {UNSIGNED}"])
     return Verified(len(expected), manifest.predicate.root, SIGNED in present, signer)

@@ -233,7 +233,7 @@ def test_a_signed_folder_holds_and_names_its_signer_only_to_those_who_have_the_k
 def test_an_unsigned_folder_holds_but_not_for_a_key(run: tuple[Pipeline, str], keys: Path, tmp_path: Path) -> None:
     evidence = export_evidence(run[0].context, run[1], tmp_path / "unsigned")
     assert (evidence.signer, verify(tmp_path / "unsigned").signed) == (None, False)
-    with pytest.raises(Refused, match=r"manifest\.dsse\.json: missing; the folder is not signed"):
+    with pytest.raises(Refused, match=r"manifest\.dsse\.json: missing\. The folder is not signed"):
         verify(tmp_path / "unsigned", key=public(keys))
 
 
@@ -336,12 +336,20 @@ def test_the_limits_hold_before_anything_is_read(folder: Path, monkeypatch: pyte
     assert "at most 8 deep" in refused(folder)
 
 
-def test_too_many_files_are_refused(folder: Path) -> None:
-    (folder / "many").mkdir()
-    for number in range(2 * limits.MAX_FILES):
-        os.mknod(folder / f"many/{number}")
+def test_too_many_files_are_refused_with_the_subfolder_that_holds_most_of_them(folder: Path) -> None:
+    (folder / "many" / "more").mkdir(parents=True)
+    few = sum(path.is_file() for path in folder.rglob("*"))
+    for number in range(limits.MAX_FILES):
+        os.mknod(folder / f"many/more/{number}")
+    total, most = few + limits.MAX_FILES, limits.MAX_FILES
+    limit = f"limit: {limits.MAX_FILES:,} files"
+    assert refused(folder) == f"many/more: holds {most:,} of {total:,} files, more than any other folder; {limit}"
+    for number in range(limits.MAX_FILES):
+        os.mknod(folder / f"many/more/further-{number}")
+    # Then the search ends early.
     assert re.fullmatch(
-        rf"many/\d+: beyond \d+,000 files and folders; limit: {limits.MAX_FILES:,} files", refused(folder)
+        rf"many/more: holds \d+,\d+ of the first 20,000 files and folders, more than any other folder; {limit}",
+        refused(folder),
     )
 
 
