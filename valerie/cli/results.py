@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 Runs = Annotated[list[str], typer.Argument(metavar="RUN...", help="Ids of runs, as `valerie status` lists them.")]
 
 
-#: Fields in which the runs of a sample differ: its sites or draws.
-_OF_A_SAMPLE: Final = frozenset({"asset", "seed"})
+#: Places in a spec in which the runs of a sample differ: its sites or draws.
+_OF_A_SAMPLE: Final = frozenset({"asset.seed", "seed"})
 
 
 def findings(run_ids: Runs, as_json: AsJson = False, data_dir: DataDir = None) -> None:
@@ -64,12 +64,12 @@ def _together(context: Context, run_ids: list[str]) -> str:
     from valerie.pipeline.base.resolved_runs import read_run
     from valerie.pipeline.reading.tables import read_together
     from valerie.pipeline.work.finish import summary_json
-    from valerie.runs.document.differing import FREE, differing
+    from valerie.runs.document.differing import differing
 
     spec, *others = [read_run(context, run_id).resolved.spec for run_id in run_ids]
     table = read_together(context, run_ids)
     for run_id, other in zip(run_ids[1:], others, strict=True):
-        differences = differing(spec, other, besides=FREE | _OF_A_SAMPLE)
+        differences = (one for one in differing(spec, other) if one.place not in _OF_A_SAMPLE)
         if texts := [difference_of_specs(*one, own=f"in {run_ids[0]}", other=f"in {run_id}") for one in differences]:
             say(f"No finding accounts for what differs: {'; '.join(texts)}.")
     return summary_json(analyze(table, threshold=spec.detection_threshold, seed=spec.seed), ()).decode()

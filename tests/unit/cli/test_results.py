@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.world.blank import SMALL, completed_run
+from tests.world.boxes import write_box_street
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, NotFound, UnknownName
 
@@ -51,6 +52,13 @@ def test_findings_of_several_runs_are_those_of_all_their_rows(
     said = invoke.invoke(app, command, catch_exceptions=False).stderr.splitlines()
     assert said == [
         f"No finding accounts for what differs: constants.sun-1.elevation (not set in {first}, 12 in {other})."
+    ]
+    write_box_street(tmp_path / "assets" / "further-street")
+    further = pipeline.submit(SMALL | {"asset": "further-street"})
+    assert pipeline.run(further) == "completed"
+    command = ["findings", first, further, "--data-dir", str(tmp_path / "data")]
+    assert invoke.invoke(app, command, catch_exceptions=False).stderr.splitlines() == [
+        f"No finding accounts for what differs: asset.name (box-street in {first}, further-street in {further})."
     ]
     with pytest.raises(InvalidInput, match="each run once"):
         told(invoke, (tmp_path, first), "findings", first, first)

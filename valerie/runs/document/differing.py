@@ -25,6 +25,9 @@ class Difference(NamedTuple):
 def differing(here: RunSpec, there: RunSpec, *, besides: Collection[str] = FREE) -> Iterator[Difference]:
     """Yield the differences of two specs, without those in the fields ``besides``."""
     own, other = (spec.model_dump(mode="json", exclude=set(besides)) for spec in (here, there))
+    for document in (own, other):
+        if isinstance(name := document.get("asset"), str):  # the short form of a mapping
+            document["asset"] = {"name": name}
     yield from _differing(own, other, "")
 
 
