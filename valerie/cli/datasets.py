@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Export runs as data sets.")
 
-_LINE_SECONDS: Final = 5.0
+#: Shortest time between two lines of progress.
+LINE_SECONDS: Final = 5.0
 
 Where = Annotated[
     str,
@@ -148,7 +151,7 @@ class ProgressLines:
 
     def tell(self, done: int, total: int, per_s: float, note: str = "") -> None:
         """Print a line if the last one is a few seconds old, or everything is done."""
-        if time.monotonic() - self._shown_at < _LINE_SECONDS and done < total:
+        if time.monotonic() - self._shown_at < LINE_SECONDS and done < total:
             return
         self._shown_at = time.monotonic()
         from valerie.runs.moments import duration
@@ -159,3 +162,21 @@ class ProgressLines:
             if done < total:
                 text += f", {duration((total - done) / per_s)} left"
         say(text)
+
+
+def on_terminal() -> bool:
+    """Return True if people see standard error."""
+    return sys.stderr.isatty()
+
+
+def counting(what: str) -> Callable[[int, int], None] | None:
+    """Return a function that is told how many are done, of how many, and shows it; None if nobody sees it."""
+    if not on_terminal():
+        return None
+    lines, began = ProgressLines(what), time.monotonic()
+
+    def tell(done: int, total: int) -> None:
+        if done < total:  # the result follows at once
+            lines.tell(done, total, done / max(time.monotonic() - began, 1e-9))
+
+    return tell

@@ -72,13 +72,14 @@ def verify(
     if the key did not sign the folder, or if a replayed frame differs; with 5 if
     a frame cannot be replayed on this machine.
     """
+    from valerie.cli.datasets import counting
     from valerie.pipeline.evidence.evidence_manifest import Refused
     from valerie.pipeline.evidence.verifying import UNSIGNED
     from valerie.pipeline.evidence.verifying import verify as verify_folder
 
     pictures: list[ReplayedPicture] = []
     try:
-        verified = verify_folder(folder, key=key)
+        verified = verify_folder(folder, key=key, progress=counting("files checked"))
         if replay:
             from valerie.pipeline.evidence.replaying import replay as replay_frames
 

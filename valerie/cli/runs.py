@@ -322,6 +322,7 @@ def compare(
     """
     from valerie.cli.claims import read_claims
     from valerie.cli.comparing import contents, renderables
+    from valerie.cli.datasets import counting
     from valerie.cli.shell import write_output
     from valerie.local.deployment import context_of
     from valerie.pipeline.reading.reports import compare_runs, report_with
@@ -331,8 +332,9 @@ def compare(
     statements = None if claims is None else read_claims(claims)
     with context_of(data_dir) as context:
         comparison = compare_runs(
-            context, run_id, other or run_id, functions=pair, claims=statements, across=across or ()
-        )
+            context, run_id, other or run_id,
+            functions=pair, claims=statements, across=across or (), progress=counting("frames compared"),
+        )  # fmt: skip
         if output is not None and output.suffix == ".html":
             html = report_with(context, run_id, claims=statements, other=comparison).html
             write_output(output, html.encode())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
 from tests.world.drawn import FUNCTIONS
+from valerie.cli import datasets
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, UnknownName
 
@@ -68,6 +70,18 @@ def test_the_report_of_a_comparison_shows_the_worst_regressions(run: tuple[Path,
     views = html[html.index("The views that differ most") :]
     assert views.count('src="data:image/jpeg') >= 2
     assert "fell from" in views
+
+
+def test_a_long_comparison_shows_its_progress_on_a_terminal_only(
+    run: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(datasets, "LINE_SECONDS", 0.0)
+    command = ("compare", "--function", HERE, "--function", THERE)
+    assert called(run, *command).stderr == ""
+    monkeypatch.setattr(datasets, "on_terminal", lambda: True)
+    shown = called(run, *command)
+    assert re.search(r"^1 of \d+ frames compared, .* left$", shown.stderr, re.MULTILINE)
+    assert "frames compared" not in shown.stdout
 
 
 @pytest.mark.parametrize("arguments", [[], ["--function", HERE], ["--function", HERE, "--function", HERE]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from tests.planted_tables import planted_finding
 from valerie.analysis.findings.findings import ScoredPerson
+from valerie.cli import datasets
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
 from valerie.pipeline.evidence.evidence_manifest import SIGNED
@@ -41,6 +43,12 @@ def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_w
     monkeypatch.setenv("VALERIE_DATA_DIR", str(tmp_path / "nothing"))
     assert f"signed by key {key_id}" in told("verify", str(folder), "--key", f"{key}.pub")
     assert "files are consistent, signer unknown" in told("verify", str(folder))
+    with monkeypatch.context() as terminal:
+        terminal.setattr(datasets, "LINE_SECONDS", 0.0)
+        assert invoke.invoke(app, ["evidence", "verify", str(folder)]).stderr == ""
+        terminal.setattr(datasets, "on_terminal", lambda: True)
+        shown = invoke.invoke(app, ["evidence", "verify", str(folder)]).stderr
+        assert re.search(r"^1 of \d+ files checked, .* left$", shown, re.MULTILINE)
     shutil.copytree(folder, tmp_path / "unsigned")
     (tmp_path / "unsigned" / SIGNED).unlink()
     assert "files are consistent. The folder is not signed: nothing shows where it came from; anyone can" in told(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -42,10 +43,15 @@ class Verified:
     signer: str | None
 
 
-def verify(folder: Path, *, key: Path | None = None) -> Verified:
+def verify(folder: Path, *, key: Path | None = None, progress: Callable[[int, int], None] | None = None) -> Verified:
     """Check names, sizes and digests of all files, and with ``key`` the signature.
 
     Without a key, the origin of the folder remains unknown.
+
+    Args:
+        folder: the folder.
+        key: public key of the signer.
+        progress: is told how many files were checked, of how many.
 
     Raises:
         InvalidInput: no such folder, or not a public key.
@@ -62,11 +68,11 @@ def verify(folder: Path, *, key: Path | None = None) -> Verified:
     expected = manifest.digests
     problems = [f"{name}: missing" for name in expected if name not in present]
     problems += [f"{name}: not in the manifest" for name in sorted(present - {*expected, MANIFEST, SIGNED})]
-    problems += [
-        f"{name}: changed"
-        for name, digest in expected.items()
-        if name in present and sha256_of(folder / name) != digest
-    ]
+    for number, (name, digest) in enumerate(expected.items(), start=1):
+        if name in present and sha256_of(folder / name) != digest:
+            problems.append(f"{name}: changed")
+        if progress is not None:
+            progress(number, len(expected))
     if problems:
         raise Refused(problems)
     signer = None
