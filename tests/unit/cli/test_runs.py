@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from pathlib import Path
 
@@ -16,8 +17,8 @@ from valerie.cli import runs
 from valerie.cli.connecting import System
 from valerie.cli.main import app
 from valerie.cli.runs import next_step
-from valerie.cli.shell import Stopped
-from valerie.client import Client, Run, ServerProblemError
+from valerie.cli.shell import Exit, Stopped
+from valerie.client import Client, Progress, Run, RunSummary, ServerProblemError, VariantProgress
 from valerie.errors import InvalidInput, NotFound
 
 SPEC = "name: s\nasset: urban-street\nfunctions: [my-net]\n"
@@ -79,6 +80,40 @@ def test_the_command_to_follow_a_run_names_the_server_that_has_it(monkeypatch: p
     result = CliRunner().invoke(app, ["submit", "-", "--url", "http://h:1", "--data-dir", "d d"], input=SPEC)
     assert result.exit_code == 0, result.output
     assert "status r1ng32vh7ygq5 --watch --url http://h:1 --data-dir 'd d'" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("last", "code"),
+    [
+        ("completed", Exit.OK), ("completed-with-failures", Exit.COMPLETED_WITH_FAILURES),
+        ("failed", Exit.NOT_COMPLETED), ("cancelled", Exit.NOT_COMPLETED),
+    ],
+)  # fmt: skip
+def test_a_watched_submission_follows_its_run_to_the_end_and_exits_as_the_run_does(
+    last: str, code: Exit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    states = ["submitted", "running", last]
+    left = iter(states)
+
+    def progress(*_: object) -> Progress:
+        variants = VariantProgress(total=1, fed=1, rejected=0)
+        return Progress(state=next(left), reason=None, variants=variants, stages={})
+
+    run = Run.model_validate({**RUN, "reason": None})
+    summary = RunSummary.model_validate({"summary": {"rows": []}, "findings": {}, "verdicts": []})
+    answers = {
+        "submit": lambda *_, **__: run,
+        "run": lambda *_: run,
+        "progress": progress,
+        "summary": lambda *_: summary,
+    }
+    for name, answer in answers.items():
+        monkeypatch.setattr(f"valerie.client.Client.{name}", answer)
+    result = CliRunner().invoke(app, ["submit", "-", "--watch", "--json", "--url", "http://h:1"], input=SPEC)
+    events = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [event["state"] for event in events] == [*states, last]
+    assert (events[-1]["event"], events[-1]["run"], events[-1]["exit_code"]) == ("finished", run.id, int(code))
+    assert result.exit_code == code
 
 
 def test_a_submission_that_a_signal_stops_says_where_its_run_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
