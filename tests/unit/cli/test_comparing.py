@@ -93,3 +93,8 @@ def test_a_comparison_needs_two_sides(run: tuple[Path, str], arguments: list[str
 def test_a_function_that_the_run_lacks_is_refused_with_its_name(run: tuple[Path, str]) -> None:
     with pytest.raises(UnknownName, match=rf"--function: .*semantic-fpn'; did you mean {THERE}"):
         called(run, "compare", "--function", HERE, "--function", "semantic-fpn")
+
+
+def test_a_parameter_to_compare_across_that_no_run_has_is_refused_with_its_name(run: tuple[Path, str]) -> None:
+    with pytest.raises(InvalidInput, match=r"--across: no parameter of these runs; .*: none; got moon"):
+        called(run, "compare", "--function", HERE, "--function", THERE, "--across", "moon")
