@@ -1,4 +1,4 @@
-"""Roles and secrets of the API's tokens."""
+"""Roles, projects and secrets of the API's tokens."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+#: A project: groups runs, studies and saved selections, which its tokens share and no other project's tokens see.
+PROJECT: Final = r"^[a-z0-9][a-z0-9._-]{0,63}$"
 #: Begins every secret, so that scanners for leaked secrets find it.
 SECRET_PREFIX: Final = "valerie_"  # noqa: S105
 _SECRET_BYTES: Final = 32
@@ -34,11 +36,13 @@ class Caller:
         name: name of the token; `OPERATOR` for that of the settings, and where no token is needed.
         owner: person or service that holds the token; empty for the operator.
         role: its rights.
+        project: the only one that exists for the caller; empty: all do.
     """
 
     name: str
     owner: str
     role: Role
+    project: str = ""
 
 
 #: The caller with the token of the settings. No token can have this name, since names have no capitals.

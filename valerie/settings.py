@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
@@ -16,7 +17,7 @@ from pydantic import Field, SecretStr, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from valerie.access import Role
+from valerie.access import PROJECT, Role
 from valerie.addresses import Allowed, parse_allowed, parse_url
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.spelling import package_name
@@ -78,6 +79,7 @@ class Settings(BaseSettings):
     )
     oidc_secret: SecretStr | None = Field(None, description="the client's secret, if the provider gave one")
     oidc_owner: str = Field("sub", min_length=1, description="claim that names a user, once and for ever")
+    oidc_project: str = Field("", description="claim that names a user's project; empty: users have none, and see all")
     oidc_groups: str = Field("groups", min_length=1, description="claim with a user's groups")
     oidc_roles: str = Field("", description="roles of groups, as validators=runner,leads=admin,*=viewer; *: everybody")
     oidc_hours: float = Field(12.0, gt=0, le=720, allow_inf_nan=False, description="time until somebody signs in again")
@@ -134,6 +136,11 @@ class Settings(BaseSettings):
     max_owner_runs: int = Field(0, ge=0, description="unfinished runs of a token's owner; 0: no limit")
     max_owner_variants: int = Field(
         0, ge=0, description="variants in the unfinished runs of a token's owner; 0: no limit"
+    )
+    max_project_runs: int = Field(0, ge=0, description="unfinished runs of a project; 0: no limit")
+    max_project_variants: int = Field(0, ge=0, description="variants in the unfinished runs of a project; 0: no limit")
+    tenants: str = Field(
+        "", description="projects that share products under one name, as radar=adas,camera=adas; others share with none"
     )
     feed_window: int = Field(4_000, ge=1, description="unfinished products written ahead of the workers")
     sweep_seconds: Seconds = Field(2.0, description="pause between two sweeps of the control loop")
@@ -240,6 +247,11 @@ class Settings(BaseSettings):
         return self
 
     @model_validator(mode="after")
+    def _usable_tenants(self) -> Self:
+        _ = self._tenants
+        return self
+
+    @model_validator(mode="after")
     def _usable_sign_in(self) -> Self:
         if not self.oidc_issuer:
             return self
@@ -289,6 +301,24 @@ class Settings(BaseSettings):
             return base64.b64decode(text.removeprefix("whsec_"), validate=True)
         except ValueError:
             return b""
+
+    def tenant_of(self, project: str) -> str:
+        """Return the tenant of a project: the name under which it shares products, by default its own; empty for none."""
+        return self._tenants.get(project, project)
+
+    @property
+    def _tenants(self) -> dict[str, str]:
+        """The entries of ``tenants``."""
+        pairs = [entry.partition("=") for entry in _entries(self.tenants)]
+        for project, _, tenant in pairs:
+            if not re.fullmatch(PROJECT, project) or not re.fullmatch(PROJECT, tenant):
+                raise InvalidInput(
+                    "not a project and its tenant",
+                    field="VALERIE_TENANTS",
+                    value=f"{project}={tenant}",
+                    limit="PROJECT=TENANT, in small letters, digits, '.', '_' and '-'",
+                )
+        return {project: tenant for project, _, tenant in pairs}
 
     @property
     def oidc_role_of_group(self) -> dict[str, Role]:

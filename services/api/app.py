@@ -16,6 +16,7 @@ from services.api.dashboard_pages import DashboardFiles
 from services.api.dependencies import only_declared_queries
 from services.api.head import HeadAsGet
 from services.api.identity_provider import IdentityProvider
+from services.api.projects import require_own
 from services.api.protection import Protection
 from services.api.roles import require_role
 from services.api.routers import (
@@ -108,7 +109,8 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
     app.add_middleware(Protection, settings=settings)
     app.add_middleware(HeadAsGet)
     for router in routers:
-        app.include_router(router, dependencies=[Depends(require_role), Depends(only_declared_queries)])
+        shared = [Depends(require_role), Depends(require_own), Depends(only_declared_queries)]
+        app.include_router(router, dependencies=shared)
     # Probes may add any query parameter.
     app.include_router(health.router)
     app.include_router(sign_in.router)

@@ -59,9 +59,16 @@ def _owner(request: Request) -> str | None:
     return None if caller is OPERATOR else caller.owner
 
 
+def _project(request: Request) -> str:
+    caller: Caller = request.state.caller
+    return caller.project
+
+
 ContextDependency = Annotated[Context, Depends(_context)]
 #: Owner of the request's token; None: the operator.
 OwnerDependency = Annotated[str | None, Depends(_owner)]
+#: The only project that exists for the request's token; empty: all do.
+ProjectDependency = Annotated[str, Depends(_project)]
 RunId = Annotated[str, Path(pattern=ID, description="id of a run", examples=[RUN_ID])]
 
 

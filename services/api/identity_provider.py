@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from http import HTTPStatus
 from time import monotonic
@@ -13,7 +14,7 @@ from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
 from starlette.exceptions import HTTPException
 
-from valerie.access import Role
+from valerie.access import PROJECT, Role
 from valerie.errors import TransientError
 from valerie.plain import JsonObject
 from valerie.settings import Settings
@@ -41,10 +42,11 @@ _LEEWAY_S: Final = 30
 
 
 class Identity(NamedTuple):
-    """A user of the provider: the owner of the tokens that it gets here, and their role."""
+    """A user of the provider: the owner of the tokens that it gets here, their role and their project."""
 
     owner: str
     role: Role
+    project: str
 
 
 class _Known(NamedTuple):
@@ -118,7 +120,19 @@ class IdentityProvider:
         owner = claims.get(self._settings.oidc_owner)
         if not isinstance(owner, str) or not 0 < len(owner) <= 200 or not owner.isprintable():
             raise _refused(f"the ID token has no usable claim {self._settings.oidc_owner}")
-        return Identity(owner, self._role(claims))
+        role = self._role(claims)
+        return Identity(owner, role, "" if role is Role.ADMIN else self._project(claims))
+
+    def _project(self, claims: JsonObject) -> str:
+        """Return a user's project; empty if users have none."""
+        if not self._settings.oidc_project:
+            return ""
+        project = claims.get(self._settings.oidc_project)
+        if not isinstance(project, str) or not re.fullmatch(PROJECT, project):
+            raise HTTPException(
+                HTTPStatus.FORBIDDEN, f"the ID token names no usable project ({self._settings.oidc_project})"
+            )
+        return project
 
     def _role(self, claims: JsonObject) -> Role:
         """Return the highest role of a user's groups."""

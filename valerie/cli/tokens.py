@@ -21,6 +21,9 @@ def create(
     name: _Name,
     owner: Annotated[str, typer.Option("--owner", help="Person or service that holds it.")],
     role: Annotated[str, typer.Option("--role", metavar="viewer|runner|admin", help="Its rights.")] = "viewer",
+    project: Annotated[
+        str, typer.Option("--project", help="The only project that it sees; a new name begins one. Default: all.")
+    ] = "",
     days: Annotated[int, typer.Option("--days", help="Days until it expires, at most 3650.")] = 90,
     data_dir: DataDir = None,
 ) -> None:
@@ -34,7 +37,9 @@ def create(
     from valerie.validation import problems_of
 
     try:
-        request = TokenRequest.model_validate({"name": name, "owner": owner, "role": role, "days": days})
+        request = TokenRequest.model_validate(
+            {"name": name, "owner": owner, "role": role, "project": project, "days": days}
+        )
     except ValidationError as error:
         raise problems_of(error) from None
     with context_of(data_dir) as context:
@@ -59,7 +64,8 @@ def list_tokens(as_json: AsJson = False, data_dir: DataDir = None) -> None:
                 f"revoked {moment_text(row.revoked_at)}" if row.revoked_at else f"expires {moment_text(row.expires_at)}"
             )
             used = f"used {moment_text(row.used_at)}" if row.used_at else "never used"
-            typer.echo(f"{row.name:<24} {row.role:<7} {end}, {used}: {row.owner}")
+            project = f" in {row.project}" if row.project else ""
+            typer.echo(f"{row.name:<24} {row.role:<7} {end}, {used}: {row.owner}{project}")
 
 
 @app.command()

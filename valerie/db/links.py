@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, and_, bindparam, select, tuple_
+from sqlalchemy import ColumnElement, Connection, and_, bindparam, exists, or_, select, tuple_
 
-from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Variant
+from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Run, Variant
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frame_keys import FrameKey, FrameProducts
 
@@ -29,6 +29,15 @@ PRODUCT_LINKS: Final = (*PICTURE_LINKS, (Evaluation, Evaluation.scores))
 
 #: Joins a frame with its variant.
 VARIANT_OF_FRAME = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)
+
+
+def has_product(connection: Connection, digest: str, *, project: str) -> bool:
+    """Return True if a frame of one of the project's runs links to a product."""
+    linked = (
+        exists().where(column == digest, table.run_id == Run.id, Run.project == project)
+        for table, column in PRODUCT_LINKS
+    )
+    return bool(connection.scalar(select(or_(*linked))))
 
 
 def same_frame(table: OfFrames) -> ColumnElement[bool]:

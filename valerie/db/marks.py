@@ -10,6 +10,7 @@ from datetime import datetime
 from sqlalchemy import ColumnElement, Connection, delete, exists, func, insert, select
 
 from valerie.db.models import MarkTag, Note, Run
+from valerie.db.statements import within
 from valerie.runs.marks import Mark, MarkKind, Subject
 
 
@@ -66,9 +67,10 @@ def tags_of_runs(connection: Connection, run_ids: Collection[str]) -> dict[str, 
     return dict(tags)
 
 
-def known_tags(connection: Connection) -> dict[str, int]:
-    """Return the number of runs that carry each tag."""
-    query = select(MarkTag.tag, func.count()).where(MarkTag.kind == MarkKind.RUN).group_by(MarkTag.tag)
+def known_tags(connection: Connection, *, project: str = "") -> dict[str, int]:
+    """Return the number of runs that carry each tag; of a project, if it is not empty."""
+    query = select(MarkTag.tag, func.count()).join(Run, Run.id == MarkTag.run_id).where(within(Run, project))
+    query = query.where(MarkTag.kind == MarkKind.RUN).group_by(MarkTag.tag)
     return {tag: int(count) for tag, count in connection.execute(query.order_by(MarkTag.tag))}
 
 

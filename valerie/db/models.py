@@ -43,7 +43,7 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
-REVISION: Final = "removed_frames"
+REVISION: Final = "projects"
 #: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -127,6 +127,10 @@ class Run(Base):
     idempotency_key: Mapped[str | None] = mapped_column(String(200), unique=True)
     #: Owner of the token that submitted it; None: the operator.
     owner: Mapped[str | None] = mapped_column(String(200))
+    #: Of the token that submitted it; empty: none.
+    project: Mapped[str] = mapped_column(String(64), server_default="")
+    #: Runs of one tenant share products; see `valerie.runs.products.inputs.ProductInputs`.
+    tenant: Mapped[str] = mapped_column(String(64), server_default="")
     created_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
@@ -366,6 +370,8 @@ class Study(Base):
     result: Mapped[StudyResult | None] = mapped_column(JsonDocument(StudyResult))
     #: Owner of the token that began it; None: the operator. It is also the owner of its runs.
     owner: Mapped[str | None] = mapped_column(String(200))
+    #: As of runs; it is also the project of its runs.
+    project: Mapped[str] = mapped_column(String(64), server_default="")
     created_at: Mapped[datetime]
     finished_at: Mapped[datetime | None]
 
@@ -429,6 +435,8 @@ class SavedSelection(Base):
 
     __tablename__ = "selections"
 
+    #: Of the token that saved it; empty: none.
+    project: Mapped[str] = mapped_column(String(64), primary_key=True, server_default="")
     name: Mapped[str] = mapped_column(String(120), primary_key=True)
     #: Ids of the runs, which may have been deleted since.
     runs: Mapped[tuple[str, ...]] = mapped_column(JsonDocument(tuple[str, ...]))
@@ -492,6 +500,8 @@ class Token(Base):
     digest: Mapped[str] = mapped_column(String(64), unique=True)
     owner: Mapped[str] = mapped_column(String(200))
     role: Mapped[Role]
+    #: See `valerie.access.Caller`.
+    project: Mapped[str] = mapped_column(String(64), server_default="")
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime]
     revoked_at: Mapped[datetime | None]

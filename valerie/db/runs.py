@@ -24,7 +24,7 @@ from valerie.db.models import (
     Variant,
 )
 from valerie.db.rows import columns_of, read_all, read_first
-from valerie.db.statements import Seen, newest_first
+from valerie.db.statements import Seen, newest_first, within
 from valerie.errors import Conflict, NotFound
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.progress import Progress
@@ -52,6 +52,8 @@ class SubmittedRun:
     variant_count: int
     priority: Priority
     owner: str | None
+    project: str
+    tenant: str
     created_at: datetime
 
 
@@ -81,7 +83,7 @@ class RunValues(TypedDict, total=False):
 
 
 class Unfinished(NamedTuple):
-    """The unfinished runs of an owner.
+    """The unfinished runs of an owner or a project.
 
     Attributes:
         runs: their number.
@@ -173,14 +175,14 @@ def of_key(connection: Connection, key: str | None, spec_digest: str) -> str | N
         return None
     run_id, known_digest = row
     if known_digest != spec_digest:
-        raise Conflict(f"the idempotency key {key!r} was used for another spec (run {run_id})")
+        raise Conflict(f"the idempotency key was used for another spec (run {run_id})")
     return run_id
 
 
-def latest_of(connection: Connection, spec_digest: str) -> str | None:
-    """Return the id of the newest run with a spec, if any."""
-    newest = select(Run.id).where(Run.spec_digest == spec_digest).order_by(Run.created_at.desc()).limit(1)
-    found: str | None = connection.scalar(newest)
+def latest_of(connection: Connection, spec_digest: str, *, project: str = "") -> str | None:
+    """Return the id of the newest run with a spec, if any; in a project, if it is not empty."""
+    newest = select(Run.id).where(Run.spec_digest == spec_digest, within(Run, project))
+    found: str | None = connection.scalar(newest.order_by(Run.created_at.desc()).limit(1))
     return found
 
 
@@ -196,13 +198,13 @@ def get(connection: Connection, run_id: str) -> RunRow:
     return row
 
 
-def require(connection: Connection, run_id: str) -> None:
-    """Refuse a run that does not exist.
+def require(connection: Connection, run_id: str, *, project: str = "") -> None:
+    """Refuse a run that does not exist, or not in the project, if that is not empty.
 
     Raises:
         NotFound: no such run.
     """
-    if connection.scalar(select(Run.id).where(Run.id == run_id)) is None:
+    if connection.scalar(select(Run.id).where(Run.id == run_id, within(Run, project))) is None:
         raise NotFound("run", run_id)
 
 
@@ -229,6 +231,7 @@ def page(
     before: Seen | None = None,
     state: RunState | None = None,
     tag: str | None = None,
+    project: str = "",
 ) -> list[RunRow]:
     """Return runs, newest first.
 
@@ -238,8 +241,9 @@ def page(
         before: the last run of the page before.
         state: only runs in this state.
         tag: only runs that carry it.
+        project: only its runs; empty: all.
     """
-    query = newest_first(_RUN, Run, limit=limit, before=before)
+    query = newest_first(_RUN, Run, limit=limit, before=before).where(within(Run, project))
     if state is not None:
         query = query.where(Run.state == state)
     if tag is not None:
@@ -247,12 +251,13 @@ def page(
     return read_all(connection, query, RunRow)
 
 
-def lineage(connection: Connection, run_id: str, *, most: int = 300) -> list[Relative]:
+def lineage(connection: Connection, run_id: str, *, project: str = "", most: int = 300) -> list[Relative]:
     """Return a run, the runs that it descends from, and all that descend from the oldest of these, oldest first.
 
     Args:
         connection: to read with.
         run_id: of an existing run.
+        project: only its runs; empty: all.
         most: runs; of more descendants the nearest generations are returned.
 
     Raises:
@@ -268,7 +273,7 @@ def lineage(connection: Connection, run_id: str, *, most: int = 300) -> list[Rel
         query = (
             select(*columns_of(Relative, Run, study=StudyBatch.study_id))
             .outerjoin(StudyBatch, StudyBatch.run_id == Run.id)
-            .where(generation)
+            .where(generation, within(Run, project))
             .order_by(Run.created_at, Run.id)
             .limit(most)
         )
@@ -291,10 +296,13 @@ def count_by_state(connection: Connection) -> dict[RunState, int]:
     return {state: count for state, count in rows}  # noqa: C416  # mypy reads the types of rows
 
 
-def unfinished(connection: Connection, owner: str) -> Unfinished:
-    """Return what an owner has unfinished; also paused runs, which may go on by themselves."""
+def unfinished(connection: Connection, *, owner: str | None = None, project: str = "") -> Unfinished:
+    """Return what an owner or a project has unfinished; also paused runs, which may go on by themselves."""
     columns = func.count(), func.coalesce(func.sum(Run.variant_count), 0)
-    count, variants = connection.execute(select(*columns).where(Run.state.in_(ACTIVE), Run.owner == owner)).one()
+    query = select(*columns).where(Run.state.in_(ACTIVE), within(Run, project))
+    if owner is not None:
+        query = query.where(Run.owner == owner)
+    count, variants = connection.execute(query).one()
     return Unfinished(count, int(variants))
 
 

@@ -22,6 +22,7 @@ class SelectionRow:
     expression: str
     view: str
     created_at: datetime
+    project: str = ""
 
 
 def save(connection: Connection, selection: SelectionRow) -> None:
@@ -34,19 +35,19 @@ def save(connection: Connection, selection: SelectionRow) -> None:
         raise Conflict(f"there is a selection {selection.name!r} already; delete it or choose another name")
 
 
-def listed(connection: Connection) -> list[SelectionRow]:
-    """Return all selections, newest first."""
-    query = select(*columns_of(SelectionRow, SavedSelection)).order_by(
-        SavedSelection.created_at.desc(), SavedSelection.name
-    )
-    return read_all(connection, query, SelectionRow)
+def listed(connection: Connection, *, project: str = "") -> list[SelectionRow]:
+    """Return the selections of a project, or those of none, newest first."""
+    query = select(*columns_of(SelectionRow, SavedSelection)).where(SavedSelection.project == project)
+    newest = query.order_by(SavedSelection.created_at.desc(), SavedSelection.name)
+    return read_all(connection, newest, SelectionRow)
 
 
-def remove(connection: Connection, name: str) -> None:
-    """Delete a selection.
+def remove(connection: Connection, name: str, *, project: str = "") -> None:
+    """Delete a selection of a project, or one of none.
 
     Raises:
         NotFound: no such selection.
     """
-    if not connection.execute(delete(SavedSelection).where(SavedSelection.name == name)).rowcount:
+    its = SavedSelection.project == project, SavedSelection.name == name
+    if not connection.execute(delete(SavedSelection).where(*its)).rowcount:
         raise NotFound("selection", name)

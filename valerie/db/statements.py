@@ -20,6 +20,7 @@ from sqlalchemy import (
     literal,
     literal_column,
     select,
+    true,
     tuple_,
 )
 from sqlalchemy.dialects import postgresql, sqlite
@@ -75,6 +76,11 @@ def in_order(connection: Connection, *conditions: ColumnElement[bool] | TextClau
         return and_(*conditions)
     rows = select(Product.digest).where(*conditions).order_by(Product.digest).with_for_update().cte("locked")
     return Product.digest.in_(select(rows.c.digest))
+
+
+def within(table: type[Run | Study], project: str) -> ColumnElement[bool]:
+    """Return the condition that a row is of a project; true of all rows if it is empty."""
+    return table.project == project if project else true()
 
 
 class Seen(NamedTuple):

@@ -12,7 +12,7 @@ from valerie.db.models import Product, StudyBatch
 from valerie.db.models import Study as StudyTable
 from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.runs import links_of
-from valerie.db.statements import Seen, insert_ignoring, newest_first
+from valerie.db.statements import Seen, insert_ignoring, newest_first, within
 from valerie.errors import NotFound
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
@@ -30,6 +30,7 @@ class StudyRow:
     by_hand: bool
     result: StudyResult | None
     owner: str | None
+    project: str
     created_at: datetime
     finished_at: datetime | None
 
@@ -93,15 +94,27 @@ def get(connection: Connection, study_id: str) -> StudyRow:
     return row
 
 
-def page(connection: Connection, *, limit: int, before: Seen | None = None) -> list[StudyRow]:
+def require(connection: Connection, study_id: str, *, project: str) -> None:
+    """Refuse a study that does not exist, or not in the project, if that is not empty.
+
+    Raises:
+        NotFound: no such study.
+    """
+    if connection.scalar(select(StudyTable.id).where(StudyTable.id == study_id, within(StudyTable, project))) is None:
+        raise NotFound("study", study_id)
+
+
+def page(connection: Connection, *, limit: int, before: Seen | None = None, project: str = "") -> list[StudyRow]:
     """Return studies, newest first.
 
     Args:
         connection: to read with.
         limit: largest number of studies.
         before: the last study of the page before.
+        project: only its studies; empty: all.
     """
-    return read_all(connection, newest_first(_STUDY, StudyTable, limit=limit, before=before), StudyRow)
+    query = newest_first(_STUDY, StudyTable, limit=limit, before=before).where(within(StudyTable, project))
+    return read_all(connection, query, StudyRow)
 
 
 def named(connection: Connection, name: str) -> list[StudyRow]:

@@ -26,6 +26,7 @@ class TokenRow:
         expires_at: from when it is refused.
         revoked_at: when it was revoked; None: it was not.
         used_at: last request, to the minute; None: never used.
+        project: the only one that exists for it; empty: all do.
     """
 
     name: str
@@ -35,6 +36,7 @@ class TokenRow:
     expires_at: datetime
     revoked_at: datetime | None = None
     used_at: datetime | None = None
+    project: str = ""
 
 
 def create(connection: Connection, token: TokenRow, digest: str) -> None:
@@ -72,9 +74,12 @@ def valid(connection: Connection, digest: str, now: datetime) -> TokenRow | None
     return None if token is None or token.revoked_at is not None or token.expires_at <= now else token
 
 
-def lock(connection: Connection, owner: str) -> None:
-    """Let other transactions that lock the tokens of this owner wait until this one ends, as SQLite does with all."""
-    connection.execute(select(Token.name).where(Token.owner == owner).order_by(Token.name).with_for_update()).all()
+def lock(connection: Connection, *, owner: str | None, project: str) -> None:
+    """Let other transactions that lock a token of this owner or project wait until this one ends, as SQLite does with all."""
+    held = Token.owner == owner
+    if project:
+        held |= Token.project == project
+    connection.execute(select(Token.name).where(held).order_by(Token.name).with_for_update()).all()
 
 
 def touch(connection: Connection, name: str, now: datetime) -> None:
@@ -91,4 +96,5 @@ def _token(row: Row[Any]) -> TokenRow:
         expires_at=row.expires_at,
         revoked_at=row.revoked_at,
         used_at=row.used_at,
+        project=row.project,
     )

@@ -82,7 +82,7 @@ export async function runView({ main, key, parameters, signal }) {
     put(reason, [progress.reason, state], progress.reason ? h("p", { class: `note ${look(state) === "bad" ? "bad" : "wait"}` }, progress.reason) : null);
     const left = remaining(progress);
     put(facts, [state, run.started_at, ago(run.created_at), progress.variants, left],
-      `Submitted ${ago(run.created_at)}`, run.finished_at && run.started_at ? ` · took ${duration(Math.round((new Date(run.finished_at) - new Date(run.started_at)) / 1000))}` : "",
+      run.project ? `Project ${run.project} · ` : "", `Submitted ${ago(run.created_at)}`, run.finished_at && run.started_at ? ` · took ${duration(Math.round((new Date(run.finished_at) - new Date(run.started_at)) / 1000))}` : "",
       ` · ${plural(progress.variants.total, "variant")}`, progress.variants.fed < progress.variants.total ? `, ${count(progress.variants.fed)} begun` : "",
       progress.variants.rejected ? `, ${count(progress.variants.rejected)} rejected` : "", left && ` · ${left}`);
     facts.title = clock(run.created_at);

@@ -12,7 +12,7 @@ import pyarrow.parquet
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
 from fastapi.responses import StreamingResponse
 
-from services.api.dependencies import ContextDependency
+from services.api.dependencies import ContextDependency, ProjectDependency
 from services.api.openapi import gives, problems
 from services.api.schemas.base import FRAME_ID, FUNCTION, RUN_ID
 from services.api.schemas.explore import (
@@ -385,9 +385,10 @@ def _require_one(run: list[str]) -> None:
     responses={**problems(422), **gives(200, ("name", "/v1/selections", "/0/name"))},
     summary="Saved selections, newest first",
 )
-def list_selections(context: ContextDependency) -> list[SelectionRead]:
+def list_selections(context: ContextDependency, project: ProjectDependency) -> list[SelectionRead]:
     with reading(context.engine) as connection:
-        return [SelectionRead.model_validate(row, from_attributes=True) for row in selections.listed(connection)]
+        rows = selections.listed(connection, project=project)
+    return [SelectionRead.model_validate(row, from_attributes=True) for row in rows]
 
 
 @router.post(
@@ -396,11 +397,11 @@ def list_selections(context: ContextDependency) -> list[SelectionRead]:
     responses={**problems(404, 409, 422), **gives(201, ("name", "/v1/selections", "/name"))},
     summary="Save a selection under a name",
 )
-def save_selection(new: NewSelection, context: ContextDependency) -> SelectionRead:
+def save_selection(new: NewSelection, context: ContextDependency, project: ProjectDependency) -> SelectionRead:
     with writing(context.engine) as connection:
-        row = SelectionRow(**new.model_dump(), created_at=database_moment(connection))
+        row = SelectionRow(**new.model_dump(), project=project, created_at=database_moment(connection))
         for run_id in new.runs:
-            runs.require(connection, run_id)
+            runs.require(connection, run_id, project=project)
         selections.save(connection, row)
     return SelectionRead.model_validate(row, from_attributes=True)
 
@@ -414,9 +415,10 @@ def save_selection(new: NewSelection, context: ContextDependency) -> SelectionRe
 def delete_selection(
     name: Annotated[str, Path(max_length=120, pattern=SELECTION_NAME, examples=["dark and far"])],
     context: ContextDependency,
+    project: ProjectDependency,
 ) -> None:
     with writing(context.engine) as connection:
-        selections.remove(connection, name)
+        selections.remove(connection, name, project=project)
 
 
 def _numbered(exploration: Exploration, numbers: list[int]) -> dict[int, dict[str, Cell]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from services.api.dependencies import ContextDependency, RunId
+from services.api.dependencies import ContextDependency, ProjectDependency, RunId
 from services.api.openapi import example, problems
 from services.api.schemas.marks import MarkPut, MarkRead
 from valerie.db import marks, runs
@@ -20,9 +20,9 @@ router = APIRouter(prefix="/v1", tags=["marks"])
     responses={**problems(422), **example({"night": 3})},
     summary="Number of runs that carry each tag",
 )
-def tags(context: ContextDependency) -> dict[str, int]:
+def tags(context: ContextDependency, project: ProjectDependency) -> dict[str, int]:
     with reading(context.engine) as connection:
-        return marks.known_tags(connection)
+        return marks.known_tags(connection, project=project)
 
 
 @router.get(

@@ -11,6 +11,7 @@ from services.api.dependencies import (
     ContextDependency,
     Limit,
     OwnerDependency,
+    ProjectDependency,
     RunId,
     SeenDependency,
     next_page,
@@ -95,8 +96,8 @@ Spec = Annotated[RunSpec, Depends(_spec)]
     responses={**problems(413, 422), **example(PLAN)},
     summary="Size and cost of a run before it is submitted; stores nothing",
 )
-def plan(spec: Spec, context: ContextDependency) -> Plan:
-    return plan_run(context, spec)
+def plan(spec: Spec, context: ContextDependency, project: ProjectDependency) -> Plan:
+    return plan_run(context, spec, project=project)
 
 
 @router.post(
@@ -113,6 +114,7 @@ def create(
     response: Response,
     context: ContextDependency,
     owner: OwnerDependency,
+    project: ProjectDependency,
     idempotency_key: Annotated[
         str | None,
         Header(
@@ -125,7 +127,7 @@ def create(
         Priority, Query(description="a high run gets four times the work of a normal one, a low one a quarter")
     ] = Priority.NORMAL,
 ) -> RunRead:
-    run_id = submit(context, spec, idempotency_key=idempotency_key, priority=priority, owner=owner)
+    run_id = submit(context, spec, idempotency_key=idempotency_key, priority=priority, owner=owner, project=project)
     wake_control(request)
     response.headers["Location"] = f"/v1/runs/{run_id}"
     return _read(context, run_id)
@@ -140,6 +142,7 @@ def create(
 def list_runs(
     request: Request,
     context: ContextDependency,
+    project: ProjectDependency,
     limit: Limit = 50,
     seen: SeenDependency = None,
     state: Annotated[RunState | None, Query(description="only runs in this state", examples=["running"])] = None,
@@ -150,7 +153,7 @@ def list_runs(
     if_none_match: IfNoneMatch = None,
 ) -> Response:
     with reading(context.engine) as connection:
-        rows = runs.page(connection, limit=limit + 1, before=seen, state=state, tag=tag)
+        rows = runs.page(connection, limit=limit + 1, before=seen, state=state, tag=tag, project=project)
         tags = marks.tags_of_runs(connection, [row.id for row in rows])
     page = RunPage(items=[_run(row, tags.get(row.id, [])) for row in rows[:limit]], next=next_page(rows, limit))
     return send_page(page, known=if_none_match, encodings=request.headers.get("accept-encoding"))
@@ -208,9 +211,10 @@ def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
     responses=_OF_RUN,
     summary="The runs that this one descends from, and all that descend from the oldest of them, oldest first",
 )
-def lineage(run_id: RunId, context: ContextDependency) -> list[RelativeRead]:
+def lineage(run_id: RunId, context: ContextDependency, project: ProjectDependency) -> list[RelativeRead]:
     with reading(context.engine) as connection:
-        return [RelativeRead.model_validate(relative) for relative in runs.lineage(connection, run_id)]
+        relatives = runs.lineage(connection, run_id, project=project)
+    return [RelativeRead.model_validate(relative) for relative in relatives]
 
 
 @router.post("/runs/{run_id}/cancel", responses=_OF_CHANGE, summary="Cancel a run; its results so far stay")

@@ -11,6 +11,7 @@ from services.api.dependencies import (
     ContextDependency,
     Limit,
     OwnerDependency,
+    ProjectDependency,
     SeenDependency,
     next_page,
     wake_control,
@@ -82,8 +83,8 @@ Document = Annotated[StudyDocument, Depends(_document)]
     responses={**problems(413, 422), **example(_NEXT)},
     summary="First batch of a study and its price; stores nothing",
 )
-def plan(document: Document, context: ContextDependency) -> NextBatchRead:
-    return _next(commands.plan_study(context, document))
+def plan(document: Document, context: ContextDependency, project: ProjectDependency) -> NextBatchRead:
+    return _next(commands.plan_study(context, document, project=project))
 
 
 @router.post(
@@ -95,9 +96,14 @@ def plan(document: Document, context: ContextDependency) -> NextBatchRead:
     response_description="accepted; Location names the study",
 )
 def create(
-    document: Document, request: Request, response: Response, context: ContextDependency, owner: OwnerDependency
+    document: Document,
+    request: Request,
+    response: Response,
+    context: ContextDependency,
+    owner: OwnerDependency,
+    project: ProjectDependency,
 ) -> StudyRead:
-    study_id = commands.begin(context, document, owner=owner)
+    study_id = commands.begin(context, document, owner=owner, project=project)
     wake_control(request)
     response.headers["Location"] = f"/v1/studies/{study_id}"
     return _read(context, study_id)
@@ -112,12 +118,13 @@ def create(
 def list_studies(
     request: Request,
     context: ContextDependency,
+    project: ProjectDependency,
     limit: Limit = 50,
     seen: SeenDependency = None,
     if_none_match: IfNoneMatch = None,
 ) -> Response:
     with reading(context.engine) as connection:
-        rows = studies.page(connection, limit=limit + 1, before=seen)
+        rows = studies.page(connection, limit=limit + 1, before=seen, project=project)
     page = StudyPage(items=[_study(row) for row in rows[:limit]], next=next_page(rows, limit))
     return send_page(page, known=if_none_match, encodings=request.headers.get("accept-encoding"))
 

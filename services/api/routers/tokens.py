@@ -11,6 +11,7 @@ from services.api.dependencies import ContextDependency, Limit
 from services.api.openapi import gives, problems
 from services.api.roles import refused
 from services.api.schemas.tokens import AccessRead, AuditRead, TokenIssued, TokenRead
+from valerie.access import Caller
 from valerie.db import audit, tokens
 from valerie.db.engine import reading
 from valerie.pipeline.control.tokens import NAME, TokenRequest, issue, revoke
@@ -20,8 +21,8 @@ router = APIRouter(prefix="/v1", tags=["tokens"])
 
 @router.get("/access", responses=problems(422), summary="The role of the caller, and what it may not do")
 def access(request: Request) -> AccessRead:
-    role = request.state.caller.role
-    return AccessRead(role=role, refused=refused(role))
+    caller: Caller = request.state.caller
+    return AccessRead(role=caller.role, project=caller.project, refused=refused(caller.role))
 
 
 @router.get("/tokens", responses=problems(422), summary="All tokens without their secrets")

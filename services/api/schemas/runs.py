@@ -70,6 +70,7 @@ class RunRead(Read):
     variant_count: int = Field(examples=[10])
     rejected_count: int = Field(examples=[0])
     priority: Priority = Field(examples=["normal"])
+    project: str = Field(description="of the token that submitted it; empty: none", examples=["radar"])
     pins: Pins | None = Field(
         description="engines and functions in the numeric classes that the run keeps from its start; null before",
         examples=[{"engine": _OFFER, "truth": {**_OFFER, "name": "truth"}, "functions": {}}],

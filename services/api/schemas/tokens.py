@@ -17,6 +17,7 @@ class AccessRead(Read):
     """The rights of a caller."""
 
     role: Role = Field(examples=["viewer"])
+    project: str = Field(description="the only one that exists for it; empty: all do", examples=["radar"])
     refused: list[str] = Field(description="endpoints that need another role", examples=[["POST /v1/runs"]])
 
 
@@ -26,6 +27,7 @@ class TokenRead(Read):
     name: str = Field(examples=["nightly"])
     owner: str = Field(examples=["Ada Lovelace"])
     role: Role = Field(examples=["runner"])
+    project: str = Field(description="the only one that exists for it; empty: all do", examples=["radar"])
     created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
     expires_at: Moment = Field(examples=["2027-02-19T02:43:08Z"])
     revoked_at: Moment | None

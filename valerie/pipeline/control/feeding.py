@@ -72,7 +72,7 @@ class Feeder:
         self._weight = run.priority.weight
         stored = resolve_stored(run, settings)
         self._resolved, self._pins = stored.resolved, stored.pins
-        self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins)
+        self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins, tenant=run.tenant)
 
     def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> WrittenBlock:
         """Write the block that begins at variant ``first``, unless another process did or the run was stopped.

@@ -66,7 +66,7 @@ def resume(context: Context, run_id: str) -> None:
 
     Raises:
         NotFound, Conflict: no such run, or it is neither paused nor cancelled.
-        QuotaExceeded: its owner has too much unfinished.
+        QuotaExceeded: its owner or project has too much unfinished.
     """
     _restart(context, run_id, expected=_RESUMABLE, states=(ProductState.PARKED,))
 
@@ -76,7 +76,7 @@ def retry(context: Context, run_id: str) -> None:
 
     Raises:
         NotFound, Conflict: no such run, or its state allows no retry.
-        QuotaExceeded: its owner has too much unfinished.
+        QuotaExceeded: its owner or project has too much unfinished.
     """
     _restart(context, run_id, expected=_RETRYABLE, states=(ProductState.PARKED, ProductState.FAILED))
 
@@ -101,7 +101,7 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
         now = database_time(connection)
         run = runs.get(connection, run_id)
         if run.state not in runs.ACTIVE:
-            require_quota(connection, context.settings, run.owner, run.variant_count)
+            require_quota(connection, context.settings, run)
         pins = run.pins
         state = RunState.SUBMITTED if pins is None else RunState.RUNNING
         if pins is not None:

@@ -22,8 +22,13 @@ from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 from valerie.scene.assets.asset import is_generated, pack_settings, parse_reference
 
 
-def plan_run(context: Context, spec: RunSpec) -> Plan:
+def plan_run(context: Context, spec: RunSpec, *, project: str = "") -> Plan:
     """Plan a spec; stores nothing.
+
+    Args:
+        context: of the deployment.
+        spec: of the run.
+        project: that would submit it; only what its tenant shares counts as stored. Empty: none.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -39,8 +44,9 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
         def present(digests: set[str]) -> set[str]:
             return totals.done_digests(connection, digests)
 
-        twin = runs.latest_of(connection, resolved.spec.digest)
-        made = plan(resolved, pins=pins, present=present, costs=_costs(resolved, pins, recorded))
+        twin = runs.latest_of(connection, resolved.spec.digest, project=project)
+        tenant = context.settings.tenant_of(project)
+        made = plan(resolved, pins=pins, tenant=tenant, present=present, costs=_costs(resolved, pins, recorded))
     shipped = {name: function_document(name) for name in spec.functions if name in FUNCTIONS}
     warnings = (*made.warnings, *_on_training_sites(spec, shipped | registered))
     if twin is not None:

@@ -9,6 +9,7 @@ from valerie.db import processes, runs
 from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import SubmittedRun
 from valerie.errors import NotFound, QuotaExceeded
+from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
@@ -27,6 +28,7 @@ def submit(
     idempotency_key: str | None = None,
     priority: Priority = Priority.NORMAL,
     owner: str | None = None,
+    project: str = "",
 ) -> str:
     """Store a run and return its id; the control loop does the rest.
 
@@ -36,11 +38,12 @@ def submit(
         idempotency_key: a run with this key is not stored again; its id is returned.
         priority: its part of the workers.
         owner: owner of the token that submits it; None: the operator.
+        project: of that token; empty: none. A key belongs to it, and so does a parent.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
         Conflict: the idempotency key belongs to another spec.
-        QuotaExceeded: the owner has too much unfinished.
+        QuotaExceeded: the owner or the project has too much unfinished.
         NotFound: ``parent_run`` does not exist.
     """
     with reading(context.engine) as connection:
@@ -64,21 +67,25 @@ def submit(
         variant_count=resolved.space.size,
         priority=priority,
         owner=owner,
+        project=project,
+        tenant=context.settings.tenant_of(project),
         created_at=datetime.fromtimestamp(now, UTC),
     )
+    # Another project's key must be neither refused nor recognised.
+    key = digest("key", project, idempotency_key) if project and idempotency_key is not None else idempotency_key
     with writing(context.engine) as connection:
         if spec.parent_run is not None:
             try:
-                runs.require(connection, spec.parent_run)
+                runs.require(connection, spec.parent_run, project=project)
             except NotFound:
                 raise NotFound("parent run", spec.parent_run) from None
         try:
-            require_quota(connection, context.settings, owner, run.variant_count)
+            require_quota(connection, context.settings, run)
         except QuotaExceeded:
             # Another request may have stored the same key while this one waited for the owner's tokens.
-            if runs.of_key(connection, idempotency_key, spec.digest) is None:
+            if runs.of_key(connection, key, spec.digest) is None:
                 raise
-        return runs.create(connection, run, idempotency_key=idempotency_key)
+        return runs.create(connection, run, idempotency_key=key)
 
 
 def new_id(prefix: str, now: float) -> str:

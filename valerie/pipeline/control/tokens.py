@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 from secrets import token_hex
-from typing import Annotated, Final
+from typing import Annotated, Final, Self
 
 import structlog
-from pydantic import Field
+from pydantic import Field, model_validator
 from sqlalchemy import Connection
 
-from valerie.access import Caller, Role, digest_of, new_secret
+from valerie.access import PROJECT, Caller, Role, digest_of, new_secret
 from valerie.db import tokens
 from valerie.db.engine import database_time, reading, writing
 from valerie.document import Document
-from valerie.errors import TransientError
+from valerie.errors import InvalidInput, TransientError
 from valerie.pipeline.base.context import Context
 
 log = structlog.get_logger()
@@ -31,13 +31,23 @@ class TokenRequest(Document):
         name: identifies the token.
         owner: person or service that holds it.
         role: its rights.
+        project: the only one that exists for it; empty: all do, as for each admin.
         days: until it expires.
     """
 
     name: Annotated[str, Field(pattern=NAME, examples=["nightly"])]
     owner: Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,200}$", examples=["Ada Lovelace"])]
     role: Annotated[Role, Field(examples=["runner"])] = Role.VIEWER
+    project: Annotated[str, Field(pattern=f"{PROJECT}|^$", examples=["radar"])] = ""
     days: Annotated[int, Field(ge=1, le=3650, examples=[90])] = 90
+
+    @model_validator(mode="after")
+    def _admin_of_all(self) -> Self:
+        if self.role is Role.ADMIN and self.project:
+            raise InvalidInput(
+                "an admin manages the tokens of all projects", field="project", value=self.project, limit="none"
+            )
+        return self
 
 
 def issue(context: Context, request: TokenRequest) -> tuple[tokens.TokenRow, str]:
@@ -46,19 +56,21 @@ def issue(context: Context, request: TokenRequest) -> tuple[tokens.TokenRow, str
     Raises:
         Conflict: a token has or had this name.
     """
-    return _issue(context, request.name, request.owner, request.role, timedelta(days=request.days))
+    return _issue(context, request.name, request.owner, request.role, request.project, timedelta(days=request.days))
 
 
-def issue_to(context: Context, owner: str, role: Role, *, hours: float) -> tuple[tokens.TokenRow, str]:
+def issue_to(context: Context, owner: str, role: Role, project: str, *, hours: float) -> tuple[tokens.TokenRow, str]:
     """Store a token under a new name for someone who signed in; return it and its secret, which is stored nowhere."""
-    return _issue(context, f"sign-in-{token_hex(8)}", owner, role, timedelta(hours=hours))
+    return _issue(context, f"sign-in-{token_hex(8)}", owner, role, project, timedelta(hours=hours))
 
 
-def _issue(context: Context, name: str, owner: str, role: Role, time: timedelta) -> tuple[tokens.TokenRow, str]:
+def _issue(
+    context: Context, name: str, owner: str, role: Role, project: str, time: timedelta
+) -> tuple[tokens.TokenRow, str]:
     secret = new_secret()
     with writing(context.engine) as connection:
         now = _now(connection)
-        token = tokens.TokenRow(name, owner, role, now, now + time)
+        token = tokens.TokenRow(name, owner, role, now, now + time, project=project)
         tokens.create(connection, token, digest_of(secret))
     return token, secret
 
@@ -90,7 +102,7 @@ def caller_of(context: Context, secret: str) -> Caller | None:
                 tokens.touch(connection, token.name, now)
         except TransientError as error:  # a full disk must not lock everybody out
             log.warning("token.use_not_recorded", token=token.name, reason=str(error))
-    return Caller(token.name, token.owner, token.role)
+    return Caller(token.name, token.owner, token.role, token.project)
 
 
 def _now(connection: Connection) -> datetime:

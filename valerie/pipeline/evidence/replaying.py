@@ -119,6 +119,8 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
                 variant_count=resolved.space.size,
                 priority=Priority.NORMAL,
                 owner=None,
+                project="",
+                tenant="",
                 created_at=facts.created_at,
             )
             with writing(context.engine) as connection:

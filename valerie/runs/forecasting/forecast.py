@@ -158,6 +158,7 @@ def plan(
     resolved: ResolvedRun,
     *,
     pins: Pins | None = None,
+    tenant: str = "",
     present: Present | None = None,
     costs: CostTable | None = None,
 ) -> Plan:
@@ -167,6 +168,7 @@ def plan(
         resolved: the run.
         pins: the numeric classes that the run would pin; None if no workers offer them, and then no product counts as
             present.
+        tenant: of the run (`valerie.runs.products.inputs.ProductInputs`).
         present: returns the digests that are stored; None if none is.
         costs: recorded timings; None takes the shipped table.
     """
@@ -177,7 +179,9 @@ def plan(
         warnings.append("no running workers offer the renderer and the functions, so stored products are unknown")
     size, moments = resolved.space.size, len(resolved.times.elapsed)
     extent = _extent(resolved)
-    survey = _survey(resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins), extent)
+    survey = _survey(
+        resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins, tenant=tenant), extent
+    )
     sampled = len(extent.variants)
     rejected = {reason: round(count * size / sampled) for reason, count in sorted(survey.rejected.items())}
     accepted = size - sum(rejected.values())

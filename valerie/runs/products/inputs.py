@@ -114,9 +114,15 @@ class ProductInputs:
         resolved: the run.
         asset_digest: digest of its asset.
         pins: pins of the run.
+        tenant: of the run. It is part of every digest, so that products are shared within a tenant only; empty: nobody's.
     """
 
-    def __init__(self, resolved: ResolvedRun, *, asset_digest: str, pins: Pins) -> None:
+    def __init__(self, resolved: ResolvedRun, *, asset_digest: str, pins: Pins, tenant: str = "") -> None:
+        begun = DigestPrefix(_SCHEME, *([{"tenant": tenant}] if tenant else []))
+
+        def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:
+            return begun.extended(kind.value, *parts)
+
         spec = resolved.spec
         self._manifest = resolved.manifest
         self._cameras = resolved.cameras
@@ -246,10 +252,6 @@ class ProductInputs:
         """Return the response of each sensor of the run for a variant's sensor values in canonical JSON."""
         values = orjson.loads(sensor)
         return [response_of(setting, values, self._seed, moves=self._moves) for setting in self._sensors]
-
-
-def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:
-    return DigestPrefix(_SCHEME, kind.value, *parts)
 
 
 def _pinned(offer: Offer) -> dict[str, str | int]:

@@ -182,3 +182,23 @@ def test_settings_that_would_let_nobody_or_everybody_in_are_refused(changed: dic
 @pytest.mark.parametrize("body", [{}, {"code": "c"}, {"id_token": "t", "code": "c"}, {"id_token": "t" * 30_000}])
 def test_a_request_without_one_proof_is_refused(api: httpx.Client, body: dict[str, str]) -> None:
     assert api.post("/v1/sign-in", json=body).status_code == 422
+
+
+def test_a_claim_names_the_project_of_everybody_but_admins(provider: OpenIdProvider, tmp_path: Path) -> None:
+    settings = settings_of(
+        tmp_path,
+        api_token=TOKEN,
+        oidc_issuer=provider.issuer,
+        oidc_client=CLIENT,
+        oidc_roles="validators=runner,leads=admin",
+        oidc_project="department",
+    )
+    with served(create_app(settings, control=False)) as api:
+        member = posted(api, provider.token(department="radar")).raise_for_status().json()
+        assert (member["project"], authorized(api, member["secret"])["project"]) == ("radar", "radar")
+        admin = posted(api, provider.token(department="radar", groups=["leads"])).raise_for_status().json()
+        assert (admin["role"], admin["project"]) == ("admin", "")
+        for nothing in (None, "", "Radar and Camera", ["radar"]):
+            refused = posted(api, provider.token(department=nothing))
+            assert refused.status_code == 403
+            assert "department" in refused.json()["detail"]

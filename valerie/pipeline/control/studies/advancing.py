@@ -93,7 +93,7 @@ class StudyKeeper:
         spec = pursuit.spec(batch.number, parent=parent_of(batches, batch.number))
         key = f"study/{study.id}/{batch.number}"
         try:
-            run_id = submit(self._context, spec, idempotency_key=key, owner=study.owner)
+            run_id = submit(self._context, spec, idempotency_key=key, owner=study.owner, project=study.project)
         except QuotaExceeded as error:
             if study.reason != str(error):
                 self._change(study, reason=str(error))

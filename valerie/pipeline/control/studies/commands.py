@@ -55,8 +55,8 @@ class NextBatch:
     plan: Plan
 
 
-def plan_study(context: Context, document: StudyDocument) -> NextBatch:
-    """Return the first batch of a study without storing anything.
+def plan_study(context: Context, document: StudyDocument, *, project: str = "") -> NextBatch:
+    """Return the first batch of a study of a project without storing anything.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -66,7 +66,7 @@ def plan_study(context: Context, document: StudyDocument) -> NextBatch:
     proposal = pursuit.ask((), document.batch)
     legal = int(np.count_nonzero(pursuit.study.domain.legal(proposal.points)))
     spec = pursuit.spec(0, parent=None)
-    plan = plan_run(context, spec)
+    plan = plan_run(context, spec, project=project)
     return NextBatch(
         0,
         reason_text(proposal.reason, pursuit.study.domain.names),
@@ -79,18 +79,19 @@ def plan_study(context: Context, document: StudyDocument) -> NextBatch:
     )
 
 
-def begin(context: Context, document: StudyDocument, *, owner: str | None = None) -> str:
+def begin(context: Context, document: StudyDocument, *, owner: str | None = None, project: str = "") -> str:
     """Store a study and return its id; the control loop advances it.
 
     Args:
         context: context of the deployment.
         document: what the study asks.
         owner: owner of the token that begins it; None: the operator.
+        project: of that token; empty: none.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
-    require_possible_batch(context.settings, owner, document.batch)
+    require_possible_batch(context.settings, owner, project, document.batch)
     now = _require_time(context, document)
     resolved = resolve_document(context, document)
     Pursuit(resolved).ask((), document.batch)  # refuses a domain without legal variants, and a budget too small
@@ -104,6 +105,7 @@ def begin(context: Context, document: StudyDocument, *, owner: str | None = None
         by_hand=document.mode == "by hand",
         result=None,
         owner=owner,
+        project=project,
         created_at=now,
         finished_at=None,
     )
