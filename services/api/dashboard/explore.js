@@ -363,15 +363,18 @@ async function choose({ main, signal }) {
 
 // Rates of the selection beside the rest.
 function ratesTable({ groups, threshold, scored, selected, certainty }, rows, alone, other, runName) {
-  const interval = (one, why) => (one.low === undefined ? h("div", { class: "small soft" }, one.units ? `no interval: ${why}` : "") : h("div", { class: "small soft" }, `${fixed(100 * one.low)} to ${fixed(100 * one.high)} %`));
-  const cell = (rate, why) => h("td", { class: "right" }, h("strong", {}, percent(rate.estimate)), interval(rate, why));
+  const interval = (one) => (one.low === undefined ? h("div", { class: "small soft" }, one.units ? "no interval" : "") : h("div", { class: "small soft" }, `${fixed(100 * one.low)} to ${fixed(100 * one.high)} %`));
+  const cell = (rate) => h("td", { class: "right" }, h("strong", {}, percent(rate.estimate)), interval(rate));
+  const lacking = Map.groupBy(groups.filter(({ selected: one }) => one.why), ({ selected: one }) => one.why); // reason to groups
+  const which = (some) => (some.length < groups.length ? ` for ${[...new Set(some.map((one) => runName(one.run)))].join(", ")}` : "");
   const several = new Set(groups.map((one) => one.run)).size > 1, sensors = new Set(groups.map((one) => one.sensor)).size > 1;
   const lines = groups.flatMap((group) => [["selection", group.selected], ["rest", group.beside]].slice(0, alone ? 1 : 2).map(([side, one], k) =>
     h("tr", { class: side }, h("th", { scope: "row" }, k ? h("span", { class: "visually-hidden" }, group.function) : [h("div", {}, group.function), several || sensors ? h("div", { class: "small soft" }, [several ? runName(group.run) : "", sensors ? group.sensor : ""].filter(Boolean).join(" · ")) : null], h("div", { class: "small soft" }, k ? other : selected < rows ? "selection" : "all rows")),
-      h("td", { class: "right number" }, count(one.persons), h("div", { class: "small soft", title: Object.entries(one.undefined).map(([why, n]) => `${count(n)} ${why}`).join(", ") }, `${count(Object.values(one.undefined).reduce((a, b) => a + b, 0))} undefined`)), cell(one.pacc, one.why), cell(one.detected, one.why))));
+      h("td", { class: "right number" }, count(one.persons), h("div", { class: "small soft", title: Object.entries(one.undefined).map(([why, n]) => `${count(n)} ${why}`).join(", ") }, `${count(Object.values(one.undefined).reduce((a, b) => a + b, 0))} undefined`)), cell(one.pacc), cell(one.detected))));
   return [table(["", { text: "Persons", class: "right" }, { text: "Mean pACC", class: "right" }, { text: `pACC ≥ ${fixed(threshold, 2)}`, class: "right", title: "detection rate" }], lines, { caption: "Rates of the selection and what is beside it" }),
     scored && selected < rows ? h("p", { class: "small soft under" }, "The selection depends on scores, so these rates repeat what was asked for.") : null,
-    certainty.length ? h("p", { class: "small soft under" }, certainty.join(" ")) : null];
+    certainty.length ? h("p", { class: "small soft under" }, certainty.join(" ")) : null,
+    [...lacking].map(([why, some]) => h("p", { class: "small soft under" }, `No confidence interval${which(some)}: ${why}.`))];
 }
 
 function sortTool({ state, columns, remember }, reload, id) {

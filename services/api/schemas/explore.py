@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field, computed_field
 
 from services.api.schemas.base import FUNCTION, RUN_ID, Read
 from services.api.schemas.results import INTERVAL
-from valerie.analysis.summary.wording import interval_sentences, refusal_sentences
+from valerie.analysis.summary.wording import interval_sentences
 from valerie.measures import Cell
 from valerie.pipeline.exploring.class_confusion import Confusion
 from valerie.pipeline.exploring.exploration import ExploredColumn
@@ -108,13 +108,12 @@ class RatesRead(Read):
     )
 
     @computed_field(  # type: ignore[prop-decorator]
-        description="what intervals of the selection are for, and why some are missing",
-        examples=[["No confidence interval: 4 variants are too few; 2 more would do."]],
+        description="what intervals of the selection are for",
+        examples=[["[95 % interval] for the space that the design draws from, from 48 variants."]],
     )
     @property
     def certainty(self) -> list[str]:
-        selected = [group.selected.pacc for group in self.groups]
-        return interval_sentences(selected) + refusal_sentences(selected)
+        return interval_sentences(group.selected.pacc for group in self.groups)
 
 
 class ComparisonRead(Read):
