@@ -63,14 +63,13 @@ def lacking_here() -> dict[str, str]:
 def reported(outcome: Outcome, options: str) -> Outcome:
     """Print a line for a schedule and, if it failed, the command with ``options`` that repeats it."""
     name = f"seed {outcome.seed}" if outcome.faults else "calm"
-    worst, verdict = outcome.standstill, "FAILED" if outcome.violations else "ok"
-    place = f"{worst.standstill:4.1f} s after {worst.name}"
     duration = f"start {outcome.start_seconds:4.1f} s, run {outcome.seconds:5.1f} s"
-    print(f"{outcome.database:8} {name:8} {duration}, longest standstill {place}: {verdict}", flush=True)
+    stood = ", ".join(f"{fault.standstill:.1f} s after {fault.name}" for fault in (outcome.start, *outcome.faults))
+    verdict = "FAILED" if outcome.violations else "ok"
+    print(f"{outcome.database:8} {name:8} {verdict:6} {duration}; longest standstills: {stood}", flush=True)
     for violation in outcome.violations:
         print(f"  {violation}")
     if outcome.violations:
-        print(f"  faults: {', '.join(f'{fault.name} at {fault.share:.0%}' for fault in outcome.faults)}")
         print(f"  logs: {outcome.folder / 'data' / 'logs'}")
         print(
             f"  python -m tests.chaos --database {outcome.database} --seed {outcome.seed} --schedules 1{options}",

@@ -24,11 +24,10 @@ from tests.acceptance.system import System, kill
 from tests.world.postgres import PostgresServer
 from valerie.embedded import redis_server
 from valerie.embedded.guarded_process import python_command
-from valerie.embedded.supervisor import service_environment
+from valerie.embedded.supervisor import WORKERS, service_environment
 from valerie.storage.keys import PRODUCTS
 from valerie.storage.store import open_store
 
-WORKERS = ("render", "infer", "eval")
 _STEP_SECONDS = 7200
 _CLOCK_SOURCE = Path(__file__).with_name("clock.c")
 
@@ -59,11 +58,11 @@ class Target:
     def lease(self) -> float:
         return float(self.system.settings.lease_seconds)
 
-    def processes(self, service: str) -> list[psutil.Process]:
-        """See `System.processes`; waits for one that is being restarted."""
+    def processes(self, service: str, *, computing: bool = False) -> list[psutil.Process]:
+        """Return `System.processes`, or those `System.computing`; wait for a service that is being restarted."""
         while True:
             with suppress(psutil.NoSuchProcess):
-                return self.system.processes(service)
+                return self.system.computing(service) if computing else self.system.processes(service)
             time.sleep(0.05)
 
 
@@ -71,13 +70,11 @@ Fault = Callable[[Target, Random], None]
 
 
 def _kill_worker(target: Target, random: Random) -> None:
-    kill(target.processes(random.choice(WORKERS)))
+    kill(target.processes(random.choice(tuple(WORKERS))))
 
 
 def _kill_child(target: Target, random: Random) -> None:
-    service = random.choice(WORKERS)
-    target.processes(service)
-    kill(target.system.computing(service))
+    kill(target.processes(random.choice(tuple(WORKERS)), computing=True))
 
 
 def _kill_control(target: Target, random: Random) -> None:
@@ -97,7 +94,7 @@ def _kill_database(target: Target, random: Random) -> None:
 
 
 def _freeze_worker(target: Target, random: Random) -> None:
-    _freeze(target.processes(random.choice(WORKERS)), random.uniform(1.2, 2.0) * target.lease)
+    _freeze(target.processes(random.choice(tuple(WORKERS))), random.uniform(1.2, 2.0) * target.lease)
 
 
 def _freeze_control(target: Target, random: Random) -> None:

@@ -59,7 +59,7 @@ class Outcome:
         retries: number of times that a user had to retry failed products.
         violations: violated invariants.
         folder: data and logs, which stay if something was violated.
-        calm_standstill: longest time without progress before the first fault, seconds.
+        start: stands for the time before the first fault.
     """
 
     database: str
@@ -70,14 +70,13 @@ class Outcome:
     start_seconds: float = 0.0
     seconds: float = 0.0
     retries: int = 0
-    calm_standstill: float = 0.0
+    start: Happened = field(default_factory=lambda: Happened("the start", 0.0))
     violations: list[str] = field(default_factory=list)
 
     @property
     def standstill(self) -> Happened:
         """The fault with the longest standstill after it."""
-        none = Happened("the start", 0.0, standstill=self.calm_standstill)
-        return max([none, *self.faults], key=lambda fault: fault.standstill)
+        return max([self.start, *self.faults], key=lambda fault: fault.standstill)
 
 
 def drawn(seed: int, faults: Sequence[str]) -> list[Happened]:
@@ -193,7 +192,7 @@ def disturb(target: Target, outcome: Outcome) -> None:
             time.sleep(0.02)
     for thread in threads:
         thread.join()
-    outcome.calm_standstill = watcher.calm_standstill
+    outcome.start.standstill = watcher.calm_standstill
 
 
 def _begin(target: Target, outcome: Outcome, fault: Happened) -> threading.Thread:
