@@ -105,6 +105,11 @@ test-simulation: setup-dev ## Try 10,000 seeded schedules of faults on the contr
 	$(PYTHON_BIN) -m tests.simulation --schedules $$(($(SCHEDULES) / 2)) --first $$(($(SCHEDULES) / 2 + 1)); \
 	  result=$$?; wait $$! && exit $$result
 
+.PHONY: chaos
+chaos: SCHEDULES = 10
+chaos: setup-dev ## Disturb real processes by seeded schedules of faults, on SQLite and Postgres (half an hour; SEED=1 SCHEDULES=10)
+	@exec $(PYTHON_BIN) -m tests.chaos --seed $(or $(SEED),1) --schedules $(SCHEDULES)
+
 # Seeds are spread over two processes.
 SPECS ?= 20000
 .PHONY: test-hostile

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Self
 
@@ -105,6 +105,12 @@ class System:
         parent = psutil.Process(self.supervisor.pids()[service])
         return [*parent.children(recursive=True), parent]
 
+    def computing(self, service: str) -> list[psutil.Process]:
+        """The child of a worker that computes."""
+        processes = self.processes(service)
+        worker = [p for p in processes if p.children() and "multiprocessing" not in " ".join(p.cmdline())]
+        return worker[0].children() if worker else processes[:1]
+
     def _answer(self, path: str) -> httpx.Response:
         """GET with patience: the API may be the process that was killed."""
         deadline = time.monotonic() + 60
@@ -118,3 +124,12 @@ class System:
                 pass
             assert time.monotonic() < deadline, path
             time.sleep(0.2)
+
+
+def kill(processes: Iterable[psutil.Process]) -> None:
+    """Kill -9 of processes that may have ended."""
+    for process in processes:
+        try:
+            process.kill()
+        except psutil.NoSuchProcess:
+            continue

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 from sqlalchemy import func, select
 
-from tests.acceptance.system import ENDED, System
+from tests.acceptance.system import ENDED, System, kill
+from tests.chaos import schedule
+from tests.chaos.faults import STORM, Target
+from tests.chaos.watching import Happened
 from tests.world.boxes import spec, write_box_street
 from valerie.db.engine import reading
 from valerie.db.models import Product
@@ -85,14 +87,6 @@ def begin(system: System, context: Context) -> str:
     return run
 
 
-def kill(processes: list[psutil.Process]) -> None:
-    for process in processes:
-        try:
-            process.send_signal(signal.SIGKILL)
-        except psutil.NoSuchProcess:
-            continue
-
-
 def test_the_undisturbed_run_has_results_and_makes_every_product_once(undisturbed: tuple[Outcome, set[int]]) -> None:
     (rows, objects), attempts = undisturbed
     assert len(rows) == 2 * FRAMES  # person-2 is absent and says so
@@ -117,8 +111,22 @@ def test_a_run_survives_kill_9_of_the_child_that_computes(
     service: str, undisturbed: tuple[Outcome, set[int]], system: System, context: Context
 ) -> None:
     run = begin(system, context)
-    worker = [p for p in system.processes(service) if p.children() and "multiprocessing" not in " ".join(p.cmdline())]
-    kill(worker[0].children() if worker else system.processes(service)[:1])
+    kill(system.computing(service))
+    assert outcome(system, context, run) == undisturbed[0]
+
+
+def test_a_run_survives_a_schedule_of_faults_that_kill_nothing(
+    undisturbed: tuple[Outcome, set[int]], system: System, context: Context
+) -> None:
+    """`make chaos` draws many, with all faults."""
+    names = ("freeze worker", "empty broker", "hang broker", "lock database", STORM)
+    faults = [Happened(name, share) for name, share in zip(names, (0.1, 0.2, 0.4, 0.5, 0.6), strict=True)]
+    settings, run = system.supervisor.settings, system.submit(DOCUMENT)
+    target = Target(system, run, context.engine, None, Path(settings.artifacts_url), settings.data_dir / "clock")
+    chaos = schedule.Outcome("sqlite", 1, settings.data_dir, faults=faults)
+    schedule.disturb(target, chaos)
+    assert not chaos.violations
+    assert all(fault.ended for fault in faults)
     assert outcome(system, context, run) == undisturbed[0]
 
 

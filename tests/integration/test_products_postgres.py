@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from sqlalchemy import Engine, select
 
+from tests.integration.waiting import wait_for_locks
+from tests.world.blank import Pipeline
+from tests.world.boxes import spec, write_box_street
 from valerie.db import products, sweeping, totals
 from valerie.db.engine import database_time, open_database, writing
 from valerie.db.measured import SeenPerson
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.db.products import Finished, Wanted
+from valerie.pipeline.control import lifecycle
 from valerie.runs.products.ready import Fault
-from valerie.runs.products.states import ProductKind
+from valerie.runs.products.states import ProductKind, ProductState
 from valerie.runs.products.turns import Turns
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
@@ -115,3 +121,24 @@ def test_the_time_of_leases_is_the_servers(engine: Engine, monkeypatch: pytest.M
         assert abs(sent - real) < 1e5
         sweeping.bound_times(connection, now=sent - 1e5, lease_seconds=60.0)
         assert connection.scalar(select(Product.sent_at)) == pytest.approx(sent - 1e5)
+
+
+def test_a_run_that_continues_gets_the_products_that_a_worker_is_parking(
+    new_database: Callable[[], str], tmp_path: Path
+) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+    engine, run = pipeline.context.engine, pipeline.submit(spec(xs=2, ys=1))
+    pipeline.loop.tick(everything=True)
+    lifecycle.cancel(pipeline.context, run)
+    with ThreadPoolExecutor(1) as executor:
+        with writing(engine) as connection:
+            ready = connection.scalars(select(Product.digest).where(Product.state == ProductState.READY)).all()
+            assert ready
+            assert not products.claim(connection, ready, owner="w", now=1.0, lease_seconds=60.0)
+            resumed = executor.submit(lifecycle.resume, pipeline.context, run)
+            wait_for_locks(engine, 1)
+        resumed.result()
+    assert not any(product.state is ProductState.PARKED for product in pipeline.products())
+    assert pipeline.run(run) == "completed"
+    engine.dispose()

@@ -9,7 +9,7 @@ from sqlalchemy import select
 
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
-from valerie.db import frames, results, runs, sweeping
+from valerie.db import frames, results, runs, sweeping, totals
 from valerie.db.engine import reading, writing
 from valerie.db.models import FedBlock
 from valerie.errors import (
@@ -21,6 +21,7 @@ from valerie.errors import (
     StorageUnavailable,
     TransientError,
 )
+from valerie.pipeline.base.pausing import pause_for_storage
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import feeding, gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
@@ -270,6 +271,22 @@ class TestStorage:
             full[0] = False
             assert pipeline.run(run) == "completed"
         assert {product.attempts for product in pipeline.products()} == {1}
+
+    def test_a_count_that_began_before_a_pause_leaves_its_reason(
+        self, pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        backlog, pauses = totals.backlog, [StorageFull("no space left on the device")]
+
+        def pause_while_it_counts(connection: Any) -> Any:
+            while pauses:
+                pause_for_storage(pipeline.context, pauses.pop())
+            return backlog(connection)
+
+        monkeypatch.setattr(totals, "backlog", pause_while_it_counts)
+        run = pipeline.submit()
+        assert pipeline.run(run, until=["paused"]) == "paused"
+        assert pipeline.row(run).reason == "storage: no space left on the device"
+        assert pipeline.run(run) == "completed"
 
     @pytest.mark.parametrize(
         "error",

@@ -29,6 +29,7 @@ _RETRYABLE: Final = (
     RunState.CANCELLED,
     RunState.FAILED,
 )
+_UNFINISHED: Final = frozenset(ProductState) - {ProductState.DONE}
 
 
 def progress(connection: Connection, run_id: str) -> Progress:
@@ -98,6 +99,8 @@ def delete(context: Context, run_id: str) -> None:
 def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[ProductState]) -> None:
     # In one transaction: a running run with parked products would never end.
     with writing(context.engine) as connection:
+        # A worker may be parking some of them, as the run still seems to need nothing. Wait for it, and keep others out.
+        lock(connection, runs.linked_digests(connection, run_id, _UNFINISHED))
         now = database_time(connection)
         run = runs.get(connection, run_id)
         if run.state not in runs.ACTIVE:
@@ -110,7 +113,6 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
         fed_blocks.reopen_blocks(connection, run_id)
         retention.keep_all(connection, run_id)
         digests = runs.linked_digests(connection, run_id, states)
-        lock(connection, digests)
         products.revive(connection, digests)
         ready = products.promote(connection, digests, now)
     send_ready(context, ready)

@@ -19,7 +19,7 @@ from valerie.db.runs import RunRow
 from valerie.db.totals import Backlog
 from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
 from valerie.runs.products.progress import BlockCounts, FrameProgress, Progress, StageProgress, VariantProgress
-from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, Stage, stage_of
+from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, RunState, Stage, stage_of
 
 #: A rate is measured over at least this time and at least this many: that of a slow stage would jump with each one.
 _RATE_SECONDS: Final = 20.0
@@ -101,7 +101,11 @@ class ProgressBook:
         with writing(self._engine) as connection:
             for number, counts in finished.items():
                 fed_blocks.close_block(connection, run_id, number, counts)
-            runs.set_values(connection, run_id, progress=progress, reason=progress.reason)
+            state, reason = RunState.RUNNING, progress.reason
+            if not runs.change_state(
+                connection, run_id, expected=(state,), state=state, progress=progress, reason=reason
+            ):  # it was paused or ended meanwhile, for a reason of its own
+                runs.set_values(connection, run_id, progress=progress)
         return run.next_index >= run.variant_count and len(finished) == len(counted)
 
     def _progress(self, look: _Look) -> Progress:

@@ -1,0 +1,266 @@
+"""The faults. Each is a function that does one, and returns when it is over; its disturbance lasts as long as the call."""
+
+from __future__ import annotations
+
+import signal
+import struct
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+
+import httpx
+import psutil
+import psycopg
+import redis
+from sqlalchemy import Engine
+from sqlalchemy.exc import DBAPIError
+
+from tests.acceptance.system import System, kill
+from tests.world.postgres import PostgresServer
+from valerie.embedded import redis_server
+from valerie.embedded.guarded_process import python_command
+from valerie.embedded.supervisor import WORKERS, service_environment
+from valerie.storage.keys import PRODUCTS
+from valerie.storage.store import open_store
+
+_STEP_SECONDS = 7200
+_CLOCK_SOURCE = Path(__file__).with_name("clock.c")
+
+
+@dataclass(frozen=True)
+class Target:
+    """A system that works on a run.
+
+    Attributes:
+        system: its processes.
+        run_id: the run.
+        engine: a connection of the test to the database.
+        server: of its database; None on SQLite.
+        artifacts: folder of its store: a small file system of its own where the machine permits to mount one.
+        clock: file with the seconds by which the clocks of its processes are ahead; there is none unless a fault steps them.
+    """
+
+    system: System
+    run_id: str
+    engine: Engine
+    server: PostgresServer | None
+    artifacts: Path
+    clock: Path
+    #: Held by faults of the database's server and of the store's file system, which happen one at a time.
+    alone: threading.Lock = field(default_factory=threading.Lock)
+
+    @property
+    def lease(self) -> float:
+        return float(self.system.settings.lease_seconds)
+
+    def processes(self, service: str, *, computing: bool = False) -> list[psutil.Process]:
+        """Return `System.processes`, or those `System.computing`; wait for a service that is being restarted."""
+        while True:
+            with suppress(psutil.NoSuchProcess):
+                return self.system.computing(service) if computing else self.system.processes(service)
+            time.sleep(0.05)
+
+
+Fault = Callable[[Target, Random], None]
+
+
+def _kill_worker(target: Target, random: Random) -> None:
+    kill(target.processes(random.choice(tuple(WORKERS))))
+
+
+def _kill_child(target: Target, random: Random) -> None:
+    kill(target.processes(random.choice(tuple(WORKERS)), computing=True))
+
+
+def _kill_control(target: Target, random: Random) -> None:
+    kill(target.processes("api"))
+
+
+def _kill_broker(target: Target, random: Random) -> None:
+    kill(target.processes("redis"))
+
+
+def _kill_database(target: Target, random: Random) -> None:
+    assert target.server is not None
+    with target.alone:
+        target.server.kill()
+        time.sleep(random.uniform(0.0, 3.0))
+        target.server.start()
+
+
+def _freeze_worker(target: Target, random: Random) -> None:
+    _freeze(target.processes(random.choice(tuple(WORKERS))), random.uniform(1.2, 2.0) * target.lease)
+
+
+def _freeze_control(target: Target, random: Random) -> None:
+    _freeze(target.processes("api"), random.uniform(1.2, 2.0) * target.lease)
+
+
+def _hang_broker(target: Target, random: Random) -> None:
+    _freeze(target.processes("redis"), random.uniform(1.0, 8.0))
+
+
+def _freeze(processes: list[psutil.Process], seconds: float) -> None:
+    with suppress(psutil.NoSuchProcess):
+        for process in processes:
+            process.suspend()
+    time.sleep(seconds)
+    for process in processes:
+        with suppress(psutil.NoSuchProcess):
+            process.resume()
+
+
+def _restart_broker(target: Target, random: Random) -> None:
+    with suppress(psutil.NoSuchProcess):
+        target.processes("redis")[-1].send_signal(signal.SIGTERM)
+
+
+def _empty_broker(target: Target, random: Random) -> None:
+    path = redis_server.socket_path(target.system.settings.data_dir)
+    with suppress(redis.RedisError), redis.Redis(unix_socket_path=str(path)) as client:
+        client.flushall()
+
+
+def _restart_database(target: Target, random: Random) -> None:
+    assert target.server is not None
+    with target.alone:
+        target.server.stop()
+        time.sleep(random.uniform(0.0, 3.0))
+        target.server.start()
+
+
+def _lock_database(target: Target, random: Random) -> None:
+    with suppress(DBAPIError), target.engine.begin() as connection:  # on SQLite, this alone locks all writers out
+        if target.server is not None:
+            connection.exec_driver_sql("LOCK TABLE products IN ACCESS EXCLUSIVE MODE")
+        time.sleep(random.uniform(2.0, 6.0))
+
+
+def _end_sessions(target: Target, random: Random) -> None:
+    assert target.server is not None
+    with (
+        suppress(psycopg.OperationalError),
+        psycopg.connect(target.server.url("postgres"), autocommit=True) as connection,
+    ):
+        connection.execute("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()")
+
+
+def _fill_store(target: Target, random: Random) -> None:
+    ballast = target.artifacts / "ballast"
+    with target.alone:
+        with suppress(OSError), ballast.open("wb", buffering=0) as file:  # until there is no space left
+            while file.write(bytes(4096)):
+                continue
+        time.sleep(random.uniform(2.0, 6.0))
+        ballast.unlink()
+
+
+def _read_only_store(target: Target, random: Random) -> None:
+    with target.alone:
+        while not _remount(target.artifacts, "ro"):  # busy while an object is written
+            time.sleep(0.01)
+        time.sleep(random.uniform(2.0, 6.0))
+        _remount(target.artifacts, "rw")
+
+
+def _remount(folder: Path, mode: str) -> bool:
+    command = ["mount", "-o", f"remount,{mode}", str(folder)]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+def _tear_object(target: Target, random: Random) -> None:
+    with suppress(OSError):  # the store may be read-only or full
+        path = _object(target, random)
+        path.write_bytes(path.read_bytes()[:-7])
+
+
+def _lose_object(target: Target, random: Random) -> None:
+    with suppress(OSError):
+        _object(target, random).unlink()
+
+
+def _object(target: Target, random: Random) -> Path:
+    keys = sorted(info.key for info in open_store(str(target.artifacts)).list(PRODUCTS.rstrip("/")))
+    return target.artifacts / random.choice(keys)
+
+
+def _step_clocks(target: Target, random: Random) -> None:
+    with target.clock.open("r+b") as file:  # in place, since processes have mapped it
+        (ahead,) = struct.unpack("q", file.read())
+        file.seek(0)
+        file.write(struct.pack("q", ahead + random.choice((-_STEP_SECONDS, _STEP_SECONDS))))
+
+
+def _second_control(target: Target, random: Random) -> None:
+    """A second control loop takes the role of the frozen first one, and is killed when that is back."""
+    settings = target.system.supervisor.settings
+    with (target.system.supervisor.logs / "control-2.log").open("ab") as log:
+        command = python_command("services.api", "--control-only")
+        environment = {**service_environment("api", settings), **clock_environment(target.clock)}
+        second = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+    try:
+        time.sleep(random.uniform(3.0, 5.0))
+        _freeze(target.processes("api"), random.uniform(1.2, 2.0) * target.lease)
+        time.sleep(random.uniform(0.0, 2.0))
+    finally:
+        second.kill()
+        second.wait()
+
+
+def _storm(target: Target, random: Random) -> None:
+    until = time.monotonic() + random.uniform(2.0, 5.0)
+    with httpx.Client(base_url=target.system.supervisor.url, timeout=5.0) as client:
+        while time.monotonic() < until:
+            with suppress(httpx.TransportError):
+                client.post(f"/v1/runs/{target.run_id}/{random.choice(('cancel', 'resume', 'retry'))}")
+            time.sleep(random.uniform(0.0, 0.3))
+
+
+def new_clock(clock: Path) -> None:
+    """Write the file of `Target.clock`, and the library beside it with which processes read it."""
+    clock.write_bytes(struct.pack("q", 0))
+    command = ["cc", "-shared", "-fPIC", "-O2", "-o", str(_library(clock)), str(_CLOCK_SOURCE), "-ldl"]
+    subprocess.run(command, check=True)
+
+
+def clock_environment(clock: Path) -> dict[str, str]:
+    """Return the variables of processes whose clocks follow the file; none without the file."""
+    return {"LD_PRELOAD": str(_library(clock)), "CHAOS_CLOCK": str(clock)} if clock.exists() else {}
+
+
+def _library(clock: Path) -> Path:
+    return clock.with_suffix(".so")
+
+
+CLOCKS = "step all clocks"
+STORM = "storm of cancel, resume, retry"
+MOUNTED = {"fill store": _fill_store, "read-only store": _read_only_store}
+POSTGRES = {
+    "kill database": _kill_database,
+    "restart database": _restart_database,
+    "end sessions of database": _end_sessions,
+}
+FAULTS: dict[str, Fault] = {
+    "kill worker": _kill_worker,
+    "kill child of worker": _kill_child,
+    "kill API with control": _kill_control,
+    "freeze worker": _freeze_worker,
+    "freeze API with control": _freeze_control,
+    "second control": _second_control,
+    "kill broker": _kill_broker,
+    "restart broker": _restart_broker,
+    "hang broker": _hang_broker,
+    "empty broker": _empty_broker,
+    "lock database": _lock_database,
+    **POSTGRES,
+    **MOUNTED,
+    "tear object": _tear_object,
+    "lose object": _lose_object,
+    CLOCKS: _step_clocks,
+    STORM: _storm,
+}
