@@ -99,8 +99,6 @@ def delete(context: Context, run_id: str) -> None:
 def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[ProductState]) -> None:
     # In one transaction: a running run with parked products would never end.
     with writing(context.engine) as connection:
-        # A worker may be parking some of them, as the run still seems to need nothing. Wait for it, and keep others out.
-        lock(connection, runs.linked_digests(connection, run_id, _UNFINISHED))
         now = database_time(connection)
         run = runs.get(connection, run_id)
         if run.state not in runs.ACTIVE:
@@ -112,6 +110,8 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
         _change(connection, run_id, expected=expected, state=state, finished_at=None)
         fed_blocks.reopen_blocks(connection, run_id)
         retention.keep_all(connection, run_id)
+        # A worker may be parking some of them, as the run still seems to need nothing. Wait for it, and keep others out.
+        lock(connection, runs.linked_digests(connection, run_id, _UNFINISHED))
         digests = runs.linked_digests(connection, run_id, states)
         products.revive(connection, digests)
         ready = products.promote(connection, digests, now)
