@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from fastapi import Request
@@ -10,6 +11,7 @@ from services.api.dependencies import ContextDependency, ProjectDependency
 from valerie.db import links, runs, studies
 from valerie.db.engine import reading
 from valerie.errors import NotFound
+from valerie.runs.products.frame_keys import ID
 
 #: Kinds of stored objects that are named by a digest of their content, which only someone who has them knows.
 _BY_CONTENT = frozenset({"statics"})
@@ -28,12 +30,20 @@ def require_own(request: Request, project: ProjectDependency, context: ContextDe
     path = request.path_params
     with reading(context.engine) as connection:
         for run_id in _runs(request):
-            runs.require(connection, run_id, project=project)
+            runs.require(connection, _usable("run", run_id), project=project)
         if "study_id" in path:
-            studies.require(connection, path["study_id"], project=project)
-        by_inputs = "digest" in path and path["kind"] not in _BY_CONTENT
-        if by_inputs and not links.has_product(connection, path["digest"], project=project):
-            raise NotFound(path["kind"], path["digest"])
+            studies.require(connection, _usable("study", path["study_id"]), project=project)
+        if "digest" in path and path["kind"] not in _BY_CONTENT:
+            kind, product = path["kind"], path["digest"]
+            if not links.has_product(connection, _usable(kind, product), project=project):
+                raise NotFound(kind, product)
+
+
+def _usable(what: str, name: str) -> str:
+    """Return an id or a digest that a query can look for; the endpoint's own check of its form comes later."""
+    if not re.fullmatch(ID, name):
+        raise NotFound(what, name)
+    return name
 
 
 def _runs(request: Request) -> Iterator[str]:

@@ -161,6 +161,12 @@ def test_no_endpoint_tells_a_stranger_of_what_another_project_has(deployment: De
     assert asked > 40
 
 
+def test_what_cannot_be_an_id_does_not_exist(deployment: Deployment) -> None:
+    """Also where Postgres would refuse it: a NUL."""
+    for path in ("runs/%00", "studies/%00", "frames/%00.0.0.0", "explore/rows?run=%00", "artifacts/truth/%00"):
+        assert deployment.send("camera", "GET", f"/v1/{path}").status_code == 404, path
+
+
 def test_its_own_project_reads_all_of_it(deployment: Deployment) -> None:
     for method, path, request, about in requests_of(deployment):
         if method == "GET" and about and "/annotations/" not in path:
