@@ -8,6 +8,7 @@ import { sheet } from "./thumbnails.js";
 const OUTCOMES = { broken: "Broken", fixed: "Fixed", "both missed": "Both missed", "both found": "Both found" };
 const SUN = "sun_elevation_deg";
 const SHEET = 16;
+const DIFFERING = 5; // differences of specs that are named
 
 function pairCards(pairs, rows, caption) {
   const cells = [];
@@ -53,7 +54,7 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
       return;
     }
     const ask = () => get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome })}`, { signal });
-    let { comparison: one, rows } = await ask();
+    let { comparison: one, differs, rows } = await ask();
     // Until somebody chooses: what the worse side misses alone, or the first outcome that shows something.
     const shown = chosen ? state.outcome : [one.difference > 0 ? "fixed" : "broken", ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? state.outcome;
     if (shown !== state.outcome) {
@@ -63,11 +64,18 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
     const outcomes = h("div", { class: "segments", role: "group", "aria-label": "Outcome" }, Object.entries(labels()).map(([name, label]) =>
       h("button", { type: "button", "aria-pressed": String(name === state.outcome), on: { click: () => { chosen = true; state.outcome = name; remember(); load(); } } }, `${label} `, h("span", { class: "number" }, count(one.outcomes[name])))));
     const unmatched = one.rows[0] - one.matched;
-    put(element, [one, state.outcome], verdict(one, text(state.before), text(state.after)), ofFrames(one), outcomes,
+    put(element, [one, state.outcome], verdict(one, text(state.before), text(state.after)), ofFrames(one), differing(differs), outcomes,
       h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
       one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) })) : h("p", { class: "soft" }, `No person: ${labels()[state.outcome].toLowerCase()}.`));
   };
   return { element, tools: [light.element, choice("before", "From"), choice("after", "to")].filter(Boolean), load };
+}
+
+// What else than the rows may explain a difference of two runs.
+function differing(differs) {
+  if (!differs.length) return null;
+  const rest = differs.length - DIFFERING;
+  return h("p", { class: "small soft" }, `The runs differ in ${differs.slice(0, DIFFERING).join("; ")}${rest > 0 ? `; and ${count(rest)} more` : ""}.`);
 }
 
 const points = (value) => fixed(Math.abs(100 * value));

@@ -29,6 +29,7 @@ from services.api.schemas.explore import (
     SpecRead,
     SwingsRead,
 )
+from valerie.analysis.comparison.wording import difference_of_specs
 from valerie.analysis.findings.child_specs import drawn_spec, similar_spec
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs, selections
@@ -45,6 +46,7 @@ from valerie.pipeline.exploring.pairs import PairOutcome, Side, compare_sides, l
 from valerie.pipeline.exploring.thumbnails import MAX_TILES, TILE_KINDS, Tile, Tiles
 from valerie.pipeline.export.archive import export_archive
 from valerie.pipeline.export.export_plan import ExportSettings, Format
+from valerie.runs.document.differing import differing
 from valerie.runs.document.draft import draft_of
 from valerie.runs.products.frame_keys import ID
 
@@ -226,6 +228,7 @@ _SideText = Annotated[str, Query(max_length=240, description="run:function", exa
 def comparison(
     exploration: Opened,
     selection: Selected,
+    context: ContextDependency,
     threshold: Detected,
     before: _SideText,
     after: _SideText,
@@ -240,18 +243,20 @@ def comparison(
         ),
     ] = None,
 ) -> ComparisonRead:
+    sides = _side(before, "before"), _side(after, "after")
     compared = compare_sides(
         exploration,
         selection,
-        _side(before, "before"),
-        _side(after, "after"),
+        *sides,
         threshold=threshold,
         outcome=outcome,
         limit=limit,
         across=across or (),
     )
     numbers = [number for pair in compared.pairs for number in (pair.before, pair.after)]
-    return ComparisonRead(comparison=compared, rows=_numbered(exploration, numbers))
+    here, there = (read_run(context, side.run).resolved.spec for side in sides)
+    differs = [difference_of_specs(*one, own="before", other="after") for one in differing(here, there)]
+    return ComparisonRead(comparison=compared, differs=differs, rows=_numbered(exploration, numbers))
 
 
 @router.get(

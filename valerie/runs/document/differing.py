@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
+from valerie.parameters.paths import short_name
 from valerie.plain import JsonObject
-from valerie.runs.document.run_spec import RunSpec
+from valerie.runs.document.run_spec import BlockDocument, RunSpec
+from valerie.runs.values import Scalar
 
 #: Fields that change no frame.
 FREE: Final = frozenset(
@@ -23,12 +25,39 @@ class Difference(NamedTuple):
 
 
 def differing(here: RunSpec, there: RunSpec, *, besides: Collection[str] = FREE) -> Iterator[Difference]:
-    """Yield the differences of two specs, without those in the fields ``besides``."""
-    own, other = (spec.model_dump(mode="json", exclude=set(besides)) for spec in (here, there))
-    for document in (own, other):
-        if isinstance(name := document.get("asset"), str):  # the short form of a mapping
-            document["asset"] = {"name": name}
+    """Yield the differences of two specs, without those in the fields ``besides``; places are named as people write them."""
+    own, other = (_written(spec, besides) for spec in (here, there))
+    if "blocks" not in besides and len(here.blocks) == len(there.blocks) == 1:
+        own, other = _unwrapped(own), _unwrapped(other)
     yield from _differing(own, other, "")
+
+
+def _written(spec: RunSpec, besides: Collection[str]) -> JsonObject:
+    document: JsonObject = spec.model_dump(mode="json", exclude=set(besides))
+    if isinstance(name := document.get("asset"), str):  # the short form of a mapping
+        document["asset"] = {"name": name}
+    if "constants" in document:
+        document["constants"] = _named(spec.constants)
+    if "blocks" in document:
+        document["blocks"] = {str(i): _block(block) for i, block in enumerate(spec.blocks)}
+    return document
+
+
+def _block(block: BlockDocument) -> JsonObject:
+    varied = {short_name(entry.parameter): entry.model_dump(mode="json", exclude={"parameter"}) for entry in block.vary}
+    return {**block.model_dump(mode="json"), "vary": varied, "constants": _named(block.constants)}
+
+
+def _named(constants: Mapping[str, Scalar]) -> JsonObject:
+    return {short_name(path): value for path, value in constants.items()}
+
+
+def _unwrapped(document: JsonObject) -> JsonObject:
+    """Return a document whose only block stands at its top level."""
+    whole = {name: value for name, value in document.items() if name != "blocks"}
+    block = cast("JsonObject", cast("JsonObject", document["blocks"])["0"])
+    of_all, of_block = (cast("JsonObject", one.get("constants", {})) for one in (whole, block))
+    return {**whole, **block, "constants": {**of_all, **of_block}}
 
 
 def differing_fields(here: RunSpec, there: RunSpec, *, same_asset: bool) -> list[str]:

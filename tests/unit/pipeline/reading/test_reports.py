@@ -74,7 +74,7 @@ def test_a_day_run_is_compared_with_a_dusk_run_across_the_light_that_each_holds(
     with pytest.raises(InvalidInput, match=rf"--across: varies inside run {swept}; .*: none; got sun-1.elevation"):
         compare_runs(pipeline.context, day, swept, across=light[:1])
     # No option helps where a run varies the light.
-    with pytest.raises(InvalidInput, match=r"what differs: blocks.*no --across pairs"):
+    with pytest.raises(InvalidInput, match=r"what differs: vary; no --across pairs"):
         compare_runs(pipeline.context, day, swept)
 
 

@@ -28,3 +28,22 @@ def test_both_forms_of_an_asset_are_compared_part_by_part(
     asset: str | dict[str, Any], differences: list[tuple[str, Any, Any]]
 ) -> None:
     assert list(differing(parse(SPEC), parse({**SPEC, "name": "b", "asset": asset}))) == differences
+
+
+def test_places_are_named_as_people_write_them() -> None:
+    other = {
+        "name": "b",
+        "asset": "urban-street",
+        "vary": {"scene.person-1.pos.x": {"homogeneous": {"from": 1.5, "to": 5.5, "step": 2.0}}},
+        "constants": {"scene.sun-1.elevation": -4},
+    }
+    assert list(differing(parse(SPEC), parse(other))) == [
+        ("constants.sun-1.elevation", None, -4),
+        ("vary.person-1.pos.x.step", 1.0, 2.0),
+    ]
+    of_block = {**SPEC, "blocks": [{"vary": SPEC["vary"], "constants": {"sun-1.elevation": -4}}]}
+    del of_block["vary"]
+    assert list(differing(parse(SPEC), parse(of_block))) == [("constants.sun-1.elevation", None, -4)]
+    two = {**of_block, "blocks": of_block["blocks"] * 2}
+    (block,) = differing(parse(of_block), parse(two))
+    assert (block.place, block.here) == ("blocks.1", None)

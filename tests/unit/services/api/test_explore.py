@@ -163,6 +163,18 @@ def test_two_runs_are_explored_together_and_matched(api: httpx.Client, drawn: Dr
     assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "across")
 
 
+def test_a_comparison_of_two_runs_names_what_their_specs_set_differently(api: httpx.Client, drawn: DrawnRuns) -> None:
+    sides = {"before": f"{drawn.finished}:{FUNCTIONS[0]}", "after": f"{drawn.failed}:{FUNCTIONS[0]}"}
+    answer = api.get("/v1/explore/comparison", params={"run": [drawn.finished, drawn.failed], **sides}).json()
+    assert answer["comparison"]["matched"] > 0
+    (sentence,) = answer["differs"]
+    assert "sun-1.elevation" in sentence
+    assert "12" in sentence
+    assert "not set before" in sentence
+    own = {"before": sides["before"], "after": f"{drawn.finished}:{FUNCTIONS[1]}"}
+    assert api.get("/v1/explore/comparison", params={"run": drawn.finished, **own}).json()["differs"] == []
+
+
 def test_a_selection_is_saved_listed_and_deleted(fresh: httpx.Client, drawn: DrawnRuns) -> None:
     new = {"name": "dark and far", "runs": [drawn.finished], "expression": "distance_m > 25", "view": "x=distance_m"}
     assert fresh.post("/v1/selections", json=new).status_code == 201
