@@ -220,6 +220,13 @@ def _side(text: str, field: str) -> Side:
 _SideText = Annotated[str, Query(max_length=240, description="run:function", examples=[f"{RUN_ID}:{FUNCTION}"])]
 
 
+def _sides(before: _SideText, after: _SideText) -> tuple[Side, Side]:
+    return _side(before, "before"), _side(after, "after")
+
+
+Sides = Annotated[tuple[Side, Side], Depends(_sides)]
+
+
 @router.get(
     "/explore/comparison",
     responses=problems(404, 409, 422),
@@ -230,8 +237,7 @@ def comparison(
     selection: Selected,
     context: ContextDependency,
     threshold: Detected,
-    before: _SideText,
-    after: _SideText,
+    sides: Sides,
     outcome: Annotated[PairOutcome, Query(description="of the pairs to return")] = PairOutcome.BROKEN,
     limit: Annotated[int, Query(ge=1, le=200)] = 24,
     across: Annotated[
@@ -243,7 +249,6 @@ def comparison(
         ),
     ] = None,
 ) -> ComparisonRead:
-    sides = _side(before, "before"), _side(after, "after")
     compared = compare_sides(
         exploration,
         selection,
