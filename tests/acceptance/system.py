@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
@@ -124,12 +124,3 @@ class System:
                 pass
             assert time.monotonic() < deadline, path
             time.sleep(0.2)
-
-
-def kill(processes: Iterable[psutil.Process]) -> None:
-    """Kill -9 of processes that may have ended."""
-    for process in processes:
-        try:
-            process.kill()
-        except psutil.NoSuchProcess:
-            continue

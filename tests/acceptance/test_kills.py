@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 from sqlalchemy import func, select
 
-from tests.acceptance.system import ENDED, System, kill
+from tests.acceptance.system import ENDED, System
 from tests.chaos import schedule
 from tests.chaos.faults import STORM, Target
 from tests.chaos.watching import Happened
 from tests.world.boxes import spec, write_box_street
+from tests.world.processes import kill
 from valerie.db.engine import reading
 from valerie.db.models import Product
 from valerie.db.products import Ready

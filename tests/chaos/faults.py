@@ -20,8 +20,9 @@ import redis
 from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
-from tests.acceptance.system import System, kill
+from tests.acceptance.system import System
 from tests.world.postgres import PostgresServer
+from tests.world.processes import kill
 from valerie.embedded import redis_server
 from valerie.embedded.guarded_process import python_command
 from valerie.embedded.supervisor import WORKERS, service_environment

@@ -8,11 +8,14 @@ import signal
 import subprocess
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
 import psutil
 import psycopg
+
+from tests.world.processes import kill
 
 _NOBODY = 65_534
 _SECONDS = 60.0
@@ -85,16 +88,9 @@ class PostgresServer:
 
     def kill(self) -> None:
         """Kill -9 of all its processes."""
-        try:
+        with suppress(psutil.NoSuchProcess):
             parent = psutil.Process(self._process.pid)
-            processes = [parent, *parent.children(recursive=True)]
-        except psutil.NoSuchProcess:
-            processes = []
-        for process in processes:
-            try:
-                process.kill()
-            except psutil.NoSuchProcess:
-                continue
+            kill([parent, *parent.children(recursive=True)])
         self._process.wait()
 
     def _started(self) -> subprocess.Popen[bytes]:

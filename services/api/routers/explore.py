@@ -259,7 +259,8 @@ def comparison(
         across=across or (),
     )
     numbers = [number for pair in compared.pairs for number in (pair.before, pair.after)]
-    here, there = (read_run(context, side.run).resolved.spec for side in sides)
+    with reading(context.engine) as connection:
+        here, there = (runs.get(connection, side.run).spec for side in sides)
     differs = [difference_of_specs(*one, own="before", other="after") for one in differing(here, there)]
     return ComparisonRead(comparison=compared, differs=differs, rows=_numbered(exploration, numbers))
 

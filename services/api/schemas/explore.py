@@ -137,7 +137,7 @@ class ComparisonRead(Read):
     )
     differs: list[str] = Field(
         description="what the specs of the two runs set differently and changes frames",
-        examples=[["blocks.0.constants.scene.sun-1.elevation (35.0 before, -4.0 after)"]],
+        examples=[["constants.sun-1.elevation (35.0 before, -4.0 after)"]],
     )
     rows: dict[int, dict[str, Cell | bool]] = Field(description="rows by their number", examples=[{5: _ROW, 35: _ROW}])
 
