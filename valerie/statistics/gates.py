@@ -28,6 +28,8 @@ from valerie.statistics.unseen import Figures, reach
 _EXACT: Final = 25
 #: Cap of the p-values: one near 1 must not outweigh small ones in the Cauchy rule.
 _LARGEST: Final = 0.9
+#: Drop that a slice needs enough places to show, by default: five points of pACC.
+EFFECT: Final = 0.05
 #: Tests that share the level of a slice.
 _TESTS: Final = 3
 #: Differences below this are rounding.
@@ -109,7 +111,7 @@ def compare_versions(
     slices: Mapping[str, ArrayLike],
     *,
     threshold: float = 0.5,
-    effect: float = 0.05,
+    effect: float = EFFECT,
     false_discoveries: float = 0.05,
     flips: int = 5,
 ) -> Gate:

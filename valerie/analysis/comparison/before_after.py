@@ -26,8 +26,6 @@ from valerie.statistics.units import Estimand
 _FALSE_DISCOVERIES: Final = 0.025
 #: Smallest change of a pooled score that counts as better or worse: one percentage point.
 _CLASS_STEP: Final = 0.01
-#: Change of mean pACC that a group needs enough places to show; the gate's default, too.
-EFFECT: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ class GroupDifference:
         lost, gained: persons that only the first version detects; persons that only the later one detects.
         judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
         estimand: what the mean and its interval are over.
-        places_needed: places that show a change of `EFFECT`; None: unknown.
+        places_needed: places that show a change of `valerie.statistics.gates.EFFECT`; None: unknown.
     """
 
     mean: float
@@ -254,9 +252,8 @@ def differences_of(
 
     def gate(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[SliceComparison, ...]:
         return compare_versions(
-            one, other, first.places, masks,
-            threshold=threshold, effect=EFFECT, false_discoveries=_FALSE_DISCOVERIES,
-        ).slices  # fmt: skip
+            one, other, first.places, masks, threshold=threshold, false_discoveries=_FALSE_DISCOVERIES
+        ).slices
 
     return {
         fell.name: GroupDifference(

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from valerie.analysis.comparison.before_after import EFFECT, GroupDifference, VersionChange, VersionComparison
+from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
 from valerie.analysis.wording import counted, for_whom, percent, points, population
 from valerie.measures import measure_of
 from valerie.statistics.fidelity import Fidelity
+from valerie.statistics.gates import EFFECT
 
 #: Most undecided slices that a sentence names.
 _NAMED: Final = 5

@@ -18,7 +18,7 @@ from valerie.plain import JsonObject
 from valerie.runs.document.differing import FREE, differing_fields
 from valerie.runs.products.pins import Pins
 from valerie.runs.resolving.spec import RunSpec
-from valerie.statistics.gates import Gate, SliceComparison, compare_versions, places_for_gate
+from valerie.statistics.gates import EFFECT, Gate, SliceComparison, compare_versions, places_for_gate
 from valerie.statistics.verdicts import Outcome
 
 
@@ -134,7 +134,7 @@ def places_before(
     run: GateRun,
     *,
     function: str | None = None,
-    effect: float = 0.05,
+    effect: float = EFFECT,
     deviation: float | None = None,
     false_discoveries: float = 0.05,
 ) -> tuple[PlacesNeeded, ...]:
@@ -185,7 +185,7 @@ def gate(
     baseline: GateRun | str | None = None,
     *,
     function: str | None = None,
-    effect: float = 0.05,
+    effect: float = EFFECT,
     false_discoveries: float = 0.05,
     mixed: bool = False,
     allow_undecided: bool = False,
