@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -100,6 +100,12 @@ def person_views(connection: Connection, truth: str) -> list[SeenPerson]:
         SeenPerson(number, dict(zip(SEEN, values, strict=True)), box, amodal)
         for number, box, amodal, *values in connection.execute(_VIEWS, {"of_truth": truth})
     ]
+
+
+def amodal_boxes(connection: Connection, truths: Collection[str]) -> dict[tuple[str, int], Sequence[int] | None]:
+    """Read the amodal boxes of the persons in several truth products, by digest and instance id."""
+    query = select(PersonView.truth, PersonView.instance_id, PersonView.amodal_box).where(PersonView.truth.in_(truths))
+    return {(truth, number): box for truth, number, box in connection.execute(query)}
 
 
 def person_lights(connection: Connection, product: str) -> list[MeasuredPerson]:

@@ -85,6 +85,25 @@ export function scatterPlot({ brushed, opened }) {
   const live = h("p", { class: "visually-hidden", "aria-live": "polite" });
   const element = h("div", { class: "plot" }, canvas, tip, live);
 
+  // The cells of a density as a picture, a pixel each: it is drawn once and then stretched.
+  const pictures = new WeakMap();
+  function pictured(table, fill, w, k) {
+    const key = color(canvas, "--card"); // of the theme
+    if (pictures.get(table)?.key === key) return pictures.get(table);
+    const { x, y, count } = table.columns;
+    const [x0, x1, y0, y1] = [Math.min(...x), Math.max(...x), Math.min(...y), Math.max(...y)];
+    const picture = new OffscreenCanvas(table.rows ? Math.round((x1 - x0) / w) + 1 : 1, table.rows ? Math.round((y1 - y0) / k) + 1 : 1);
+    const context = picture.getContext("2d"), most = count.reduce((a, b) => Math.max(a, b), 1);
+    for (let i = 0; i < table.rows; i += 1) {
+      context.globalAlpha = 0.12 + 0.88 * (Math.log1p(count[i]) / Math.log1p(most));
+      context.fillStyle = fill(i);
+      context.fillRect(Math.round((x[i] - x0) / w), Math.round((y1 - y[i]) / k), 1, 1);
+    }
+    const answer = { key, picture, left: x0 - w / 2, top: y1 + k / 2 };
+    pictures.set(table, answer);
+    return answer;
+  }
+
   const range = (column) => {
     const low = column.low ?? 0, high = column.high ?? 1, pad = (high - low || Math.abs(high) || 1) * 0.02;
     return [low - pad, high + pad];
@@ -121,16 +140,12 @@ export function scatterPlot({ brushed, opened }) {
     context.restore();
 
     const cells = (table, fill) => {
-      const w = Math.abs(toX(Number(table.metadata.width)) - toX(0)), k = Math.abs(toY(Number(table.metadata.height)) - toY(0));
-      const most = table.columns.count.reduce((a, b) => Math.max(a, b), 1);
-      for (let i = 0; i < table.rows; i += 1) {
-        context.globalAlpha = 0.12 + 0.88 * (Math.log1p(table.columns.count[i]) / Math.log1p(most));
-        context.fillStyle = fill(i);
-        context.fillRect(toX(table.columns.x[i]) - w / 2, toY(table.columns.y[i]) - k / 2, Math.max(w, 1.5) + 0.4, Math.max(k, 1.5) + 0.4);
-      }
-      context.globalAlpha = 1;
+      const w = Number(table.metadata.width), k = Number(table.metadata.height);
+      const { picture, left, top } = pictured(table, fill, w, k);
+      context.imageSmoothingEnabled = false;
+      context.drawImage(picture, toX(left), toY(top), picture.width * (toX(w) - toX(0)), picture.height * (toY(0) - toY(k)));
     };
-    if (all) { context.save(); cells(all, () => pale); context.restore(); }
+    if (all) cells(all, () => pale);
     if (some) {
       const paint = shades(some);
       if (some.metadata.form === "cells") { cells(some, paint); places = []; } else {

@@ -7,20 +7,33 @@ const SHEET = 16, ACROSS = 8, WIDTH = 160;
 export const tileOf = (row) => `${row.frame_id}:${row.instance_id ?? 0}:${row.function}:${row.sensor}`;
 
 export function thumbnails() {
-  const element = h("div", { class: "thumbnails" });
+  const none = h("p", { class: "soft", hidden: true }, "No row is selected.");
+  const element = h("div", { class: "thumbnails" }, none);
+  const cells = []; // shown ones; they are filled anew, since building and laying them out takes longer
   let latest = 0;
+  const added = () => {
+    const image = h("span", {}), strong = h("strong", {}), soft = h("span", { class: "soft" });
+    const link = h("a", {}, image, h("span", { class: "small number" }, strong, " ", soft));
+    element.append(link);
+    return { image, strong, soft, link };
+  };
   const show = async (rows, { kind, crop, further = false, caption }) => {
-    const mine = further ? latest : (latest += 1);
-    const cells = rows.map((row) => {
-      const [strong, soft] = caption(row);
-      const image = h("span", { class: `thumbnail waiting ${crop ? "square" : ""}` });
-      return { row, image, link: h("a", { href: `#/frames/${row.frame_id}?view=errors${crop ? "&near=1" : ""}`, title: `variant ${row.variant_index}, ${row.camera}, ${row.function}` }, image, h("span", { class: "small number" }, h("strong", {}, strong), " ", h("span", { class: "soft" }, soft))) };
+    const mine = further ? latest : (latest += 1), first = further ? cells.length : 0;
+    const filled = rows.map((row, k) => {
+      const one = (cells[first + k] ??= added());
+      one.row = row;
+      [one.strong.textContent, one.soft.textContent] = caption(row);
+      one.link.href = `#/frames/${row.frame_id}?view=errors${crop ? "&near=1" : ""}`;
+      one.link.title = `variant ${row.variant_index}, ${row.camera}, ${row.function}`;
+      one.image.className = `thumbnail waiting ${crop ? "square" : ""}`;
+      one.image.style.removeProperty("background-image");
+      return one;
     });
-    if (further) element.append(...cells.map((one) => one.link));
-    else element.replaceChildren(...(cells.length ? cells.map((one) => one.link) : [h("p", { class: "soft" }, "No row is selected.")]));
+    for (const one of cells.splice(first + rows.length)) one.link.remove();
+    none.hidden = cells.length > 0;
     await painted();
     if (mine !== latest) return;
-    await Promise.all(Array.from({ length: Math.ceil(cells.length / SHEET) }, (_, k) => sheet(cells.slice(k * SHEET, (k + 1) * SHEET), kind, crop, () => mine === latest)));
+    await Promise.all(Array.from({ length: Math.ceil(filled.length / SHEET) }, (_, k) => sheet(filled.slice(k * SHEET, (k + 1) * SHEET), kind, crop, () => mine === latest)));
   };
   return { element, show };
 }

@@ -39,6 +39,8 @@ _THREADS: Final = 2
 _KEPT: Final = 12
 #: Number of cached orders of rows, eight bytes per row each.
 _KEPT_ORDERS: Final = 4
+#: Rows of an order that are looked through at once.
+_LOOKED_AT: Final = 16_384
 #: Column of row numbers; expressions cannot name it.
 ROW: Final = "row number"
 _SCORES: Final = frozenset(names_from(*OF_FUNCTION)) - {"function"}
@@ -204,10 +206,10 @@ class Exploration:
         if name := sort.removeprefix("-"):
             self.require(name, field="sort")
             order = self._order(name, descending=sort.startswith("-"))
-            numbers = order[selection.rows[order]]
+            numbers = _first_selected(order, selection.rows, offset + limit)
         # `take` joins the chunks of whole columns first.
         rows = [self._numbered.slice(number, 1) for number in numbers[offset : offset + limit].tolist()]
-        return pa.concat_tables(rows) if rows else self._numbered.slice(0, 0)
+        return pa.concat_tables(rows).combine_chunks() if rows else self._numbered.slice(0, 0)
 
     def _order(self, column: str, *, descending: bool) -> NDArray[np.intp]:
         """Return the numbers of all rows in the order of a column, undefined values last."""
@@ -289,3 +291,15 @@ class Exploration:
             name, title, description, unit, scale, digits, group, numeric, ends["min"], ends["max"], names,
             column.null_count,
         )  # fmt: skip
+
+
+def _first_selected(order: NDArray[np.intp], selected: NDArray[np.bool_], wanted: int) -> NDArray[np.intp]:
+    """Return the first selected rows of an order, at least ``wanted`` if there are so many."""
+    found: list[NDArray[np.intp]] = []
+    for start in range(0, len(order), _LOOKED_AT):
+        part = order[start : start + _LOOKED_AT]
+        found.append(part[selected[part]])
+        wanted -= len(found[-1])
+        if wanted <= 0:
+            break
+    return np.concatenate(found) if found else order

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from math import ceil, floor
@@ -36,7 +36,6 @@ COLUMNS: Final = 8
 _KEPT_BYTES: Final = 96 << 20
 _WHOLE_BYTES: Final = 64 << 20
 _PAINTERS: Final = 2
-_KEPT_TRUTHS: Final = 4096
 #: Smallest size of a crop: multiple of the person's height, and pixels of the picture.
 _MARGIN: Final = 1.6
 _LEAST: Final = 24
@@ -69,6 +68,8 @@ class Tile:
 
 #: Part of a picture, pixels: left, top, right, bottom.
 Area = tuple[float, float, float, float]
+#: Amodal boxes of persons by truth product and instance id.
+_Boxes = Mapping[tuple[str, int], Sequence[int] | None]
 
 
 class _Shape(NamedTuple):
@@ -89,7 +90,6 @@ class Tiles:
         self._painters: LifoQueue[FramePainter] = LifoQueue()
         for _ in range(_PAINTERS):  # each for one thread at a time
             self._painters.put(FramePainter(ProductReader(context.store), kept_bytes=_WHOLE_BYTES // _PAINTERS))
-        self._boxes: LRUCache[str, dict[int, Sequence[int] | None]] = LRUCache(_KEPT_TRUTHS)
         self._kept: LRUCache[tuple[Tile, _Shape], NDArray[np.uint8]] = LRUCache(
             _KEPT_BYTES, lambda pixels: pixels.nbytes
         )
@@ -106,10 +106,11 @@ class Tiles:
         height = width if crop else width * 9 // 16
         shape = _Shape(PictureKind.parse(kind), crop, width, height)
         frames = self._sources(tiles, shape)  # of this sheet, since products of a running run come meanwhile
+        boxes = self._boxes(frames) if crop else {}
         sheet = np.full((ceil(len(tiles) / COLUMNS) * height, min(len(tiles), COLUMNS) * width, 3), _BLANK, np.uint8)
         for k, tile in enumerate(tiles):
             row, column = divmod(k, COLUMNS)
-            pixels = self._tile(tile, shape, frames)
+            pixels = self._tile(tile, shape, frames, boxes)
             if pixels is not None:
                 sheet[row * height :, column * width :][:height, :width] = pixels
         buffer = io.BytesIO()
@@ -127,7 +128,14 @@ class Tiles:
                 found |= sources_of_frames(self._context, run_id, of_run, evaluated=shape.kind in FUNCTION_KINDS)
         return found
 
-    def _tile(self, tile: Tile, shape: _Shape, frames: dict[FrameKey, FrameSources]) -> NDArray[np.uint8] | None:
+    def _boxes(self, frames: Mapping[FrameKey, FrameSources]) -> _Boxes:
+        truths = {source.frame.products.truth for source in frames.values()}
+        with reading(self._context.engine) as connection:
+            return measured.amodal_boxes(connection, truths)
+
+    def _tile(
+        self, tile: Tile, shape: _Shape, frames: Mapping[FrameKey, FrameSources], boxes: _Boxes
+    ) -> NDArray[np.uint8] | None:
         key = (tile, shape)
         with self._lock:
             if key in self._kept:
@@ -138,7 +146,7 @@ class Tiles:
         try:
             source = sources.picture(shape.kind, function=tile.function, sensor=tile.sensor)
             size = sources.resolved.spec.resolution
-            box = self._box(source.capture.products.truth, tile.instance_id) if shape.crop else None
+            box = boxes.get((source.capture.products.truth, tile.instance_id))
             area = _area(shape, box, size.width, size.height)
             window = _window(area, shape)
             with self._painter() as painter:
@@ -160,16 +168,6 @@ class Tiles:
             yield painter
         finally:
             self._painters.put(painter)
-
-    def _box(self, truth: str, instance_id: int) -> Sequence[int] | None:
-        with self._lock:
-            boxes = self._boxes.get(truth)
-        if boxes is None:
-            with reading(self._context.engine) as connection:
-                boxes = {view.instance_id: view.amodal_box for view in measured.person_views(connection, truth)}
-            with self._lock:
-                self._boxes[truth] = boxes
-        return boxes.get(instance_id)
 
 
 def _area(shape: _Shape, box: Sequence[int] | None, width: int, height: int) -> Area:
