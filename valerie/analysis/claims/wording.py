@@ -64,16 +64,21 @@ def flip_sentence(test: FlipTest, largest: float, pairs: int) -> str:
 
 
 def departure_sentence(test: DepartureTest, left: Departure) -> str:
-    """Return where a curve leaves its first level, and the claimed place."""
+    """Return where a curve leaves its first level, with the interval of that place, and the claimed place."""
     leaves, change = f"over {title_of(test.over)}, pACC", f"its first level by {100 * test.by:g} points"
     if left.estimate is None:
         best = f"{leaves} nowhere leaves {change}"
     else:
         best = f"{leaves} leaves {change} at {_value(test.over, left.estimate)}"
-    certain = [f"not before {_value(test.over, left.not_before)}"] if left.not_before is not None else []
-    certain += [f"at {_value(test.over, left.at_latest)} at the latest"] if left.at_latest is not None else []
+    first, last = (None if x is None else _value(test.over, x) for x in (left.not_before, left.at_latest))
+    certain = {
+        (True, True): f"95 %: from {first} to {last}",
+        (True, False): f"95 %: after {first}, or nowhere",
+        (False, True): f"95 %: by {last}, perhaps at once",
+        (False, False): "95 %: anywhere or nowhere",
+    }[first is not None, last is not None]
     claimed = f"{_value(test.over, test.at - test.tolerance)} to {_value(test.over, test.at + test.tolerance)}"
-    return f"{best} ({', '.join(certain) or 'the band is too wide to be sure'}); claimed {claimed}"
+    return f"{best} ({certain}); claimed {claimed}"
 
 
 def trend_sentence(test: TrendTest, changes: Changes) -> str:
