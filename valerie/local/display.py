@@ -143,7 +143,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
             f"  {name}",
             Bar(max(stage.total, 1), 0, stage.done, color="green" if complete else "cyan"),
             f"{stage.done:,} / {stage.total:,} {unit}",
-            f"{stage.rate_per_s:.1f}/s" if stage.rate_per_s else "",
+            f"{stage.rate_per_s:.1f}/s" if stage.rate_per_s and not complete else "",
             "done" if complete else "" if ended else remaining(stage),
             failed,
         )
@@ -160,7 +160,7 @@ def progress_line(title: str, progress: Progress) -> str:
         text = f"{name} {stage.done:,}/{stage.total:,}"
         if stage.failed:
             text += f" ({stage.failed:,} failed)"
-        if stage.rate_per_s:
+        if stage.rate_per_s and stage.done < stage.total:
             text += f" {stage.rate_per_s:.1f}/s"
         parts.append(text)
     left = [stage.eta_s for stage in progress.stages.values() if stage.eta_s]

@@ -132,7 +132,7 @@ function stageRow(name, stage, active) {
   const { done, total, failed } = stage;
   const parts = [];
   if (active && stage.running) parts.push(`${plural(stage.running, "product")} in progress`);
-  if (active && stage.rate_per_s > 0) parts.push(rate(stage.rate_per_s));
+  if (active && stage.rate_per_s > 0 && done < total) parts.push(rate(stage.rate_per_s));
   return h("div", { class: "stage" },
     h("h3", {}, STAGES[name] ?? name),
     bar(done, failed, total, `${STAGES[name]}: ${WHAT[name]}`),

@@ -49,6 +49,15 @@ def test_the_table_shows_done_total_rate_remaining_time_and_failures_of_each_sta
     assert "failed" not in infer
 
 
+def test_a_complete_stage_has_no_rate() -> None:
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(progress_table("first (r1)", _progress(done=138)))
+    assert "done" in capture.get()
+    assert "6.1/s" not in capture.get() + progress_line("first", _progress(done=138))
+    assert "6.1/s" in progress_line("first", _progress())
+
+
 def test_nothing_is_cut_on_a_terminal_of_80_columns() -> None:
     console = Console(width=80, color_system=None)
     stage = StageProgress(done=1_234, total=28_800, failed=1_234, running=4, rate_per_s=16.1, eta_s=2000.7)
