@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from valerie.analysis.claims.claims import DepartureTest, DifferenceTest, FlipTest, QuantityTest, TrendTest
-from valerie.analysis.wording import percent, points
+from valerie.analysis.wording import ALIKE_PLACES, percent, points
 from valerie.measures import BY_NAME
 from valerie.statistics.contrasts import Contrast, Matching
 from valerie.statistics.curves import Changes, Departure
@@ -16,6 +16,7 @@ _MATCHINGS: Final = {
     Matching.MODEL: "between places, other factors in a linear model",
 }
 
+_ALIKE: Final = f"of these places, no interval: {ALIKE_PLACES}"
 _STATISTICS: Final = {"minimum": "smallest", "maximum": "largest"}
 
 
@@ -48,10 +49,11 @@ def quantity_sentence(test: QuantityTest, estimate: float) -> str:
 
 
 def difference_sentence(test: DifferenceTest, contrast: Contrast, low: float, high: float) -> str:
-    """Return a difference between two levels with its interval."""
+    """Return a difference between two levels with its interval, or why it has none."""
+    ends = _ALIKE if contrast.alike else f"{points(low)} to {points(high)}"
     return (
         f"{test.factor} {test.first} less {test.second}: {points(contrast.estimate)} points "
-        f"({points(low)} to {points(high)}; {_MATCHINGS[contrast.matching]}, {contrast.pairs:,} pairs)"
+        f"({ends}; {_MATCHINGS[contrast.matching]}, {contrast.pairs:,} pairs)"
     )
 
 
@@ -63,8 +65,8 @@ def flip_sentence(test: FlipTest, largest: float, pairs: int) -> str:
     )
 
 
-def departure_sentence(test: DepartureTest, left: Departure) -> str:
-    """Return where a curve leaves its first level, and the claimed place."""
+def departure_sentence(test: DepartureTest, left: Departure, *, alike: bool) -> str:
+    """Return where a curve leaves its first level, and the claimed place; ``alike`` places give no bounds."""
     leaves, change = f"over {title_of(test.over)}, pACC", f"its first level by {100 * test.by:g} points"
     if left.estimate is None:
         best = f"{leaves} nowhere leaves {change}"
@@ -73,7 +75,8 @@ def departure_sentence(test: DepartureTest, left: Departure) -> str:
     certain = [f"not before {_value(test.over, left.not_before)}"] if left.not_before is not None else []
     certain += [f"at {_value(test.over, left.at_latest)} at the latest"] if left.at_latest is not None else []
     claimed = f"{_value(test.over, test.at - test.tolerance)} to {_value(test.over, test.at + test.tolerance)}"
-    return f"{best} ({', '.join(certain) or 'the band is too wide to be sure'}); claimed {claimed}"
+    unsure = _ALIKE if alike else "the band is too wide to be sure"
+    return f"{best} ({', '.join(certain) or unsure}); claimed {claimed}"
 
 
 def trend_sentence(test: TrendTest, changes: Changes) -> str:
@@ -81,8 +84,9 @@ def trend_sentence(test: TrendTest, changes: Changes) -> str:
     shapes = {(False, False): "", (True, False): "; falls somewhere", (False, True): "; rises somewhere"}
     shape, bins = shapes.get((changes.falls, changes.rises), "; falls and rises"), changes.bins
     title = title_of(test.over)
+    ends = _ALIKE if changes.alike else f"{points(changes.low)} to {points(changes.high)}"
     first, last = (f"{percent(bins.mean[k])} % ({title} {_value(test.over, bins.centre[k])})" for k in (0, -1))
     return (
         f"pACC over {title}: the last third less the first is {points(changes.difference)} points "
-        f"({points(changes.low)} to {points(changes.high)}){shape}; from {first} to {last}"
+        f"({ends}){shape}; from {first} to {last}"
     )
