@@ -4,7 +4,6 @@
 --families NAME…]``.
 The planted scores (`benchmarks.planted_scores`) follow from the seed, which differs between repetitions. For each family:
 
-- *explain*: evaluations of minimal pairs from one failing and one passing point;
 - *estimate*: coverage of both intervals and of plain Monte Carlo with the same number of points, their widths relative to plain
   Monte Carlo's, the share of repetitions in which the model-assisted number may be used, and its coverage there.
 
@@ -24,27 +23,21 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks import guided_goals, planted_modes, planted_scores, planted_streets, results
-from valerie.guided.domain import Cube, Domain
+from benchmarks import guided_goals, guided_peers, planted_modes, planted_scores, planted_streets, results
+from valerie.guided.domain import Cube
 from valerie.guided.estimate import Estimate
-from valerie.guided.explain import Explain
 from valerie.guided.strategy import pursue
-from valerie.parameters.blocks import Variation
-from valerie.parameters.definitions import ParameterDefinition
-from valerie.parameters.distributions import Uniform
 from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.units import sampling_units
 
 GOAL: Final = 0.94
 SIGNIFICANCE: Final = 0.001
 WIDEST: Final = 1.5
-#: Random points among which a failing and a passing one are sought for a minimal pair.
-SOUGHT: Final = 2**14
 #: From this budget on, a search for modes is repeated a tenth as often.
 LARGE: Final = 10_000
 #: Number of estimates per planted score.
 DRAWS: Final = 5
-GOALS: Final = ("find", "map", "compare", "cascade", "estimate")
+GOALS: Final = ("find", "map", "compare", "cascade", "rank", "pairs", "rates", "estimate")
 #: Failure rate, budget and batch of the cells.
 CELLS: Final = ((1e-2, 2048, 512), (1e-3, 8192, 2048), (1e-1, 2048, 512))
 
@@ -58,7 +51,6 @@ class Row:
         rate, budget, batch: failure rate, number of evaluations, largest number of evaluations at a time.
         seed: seed of the first repetition.
         repetitions: number of estimates, `DRAWS` per planted score.
-        pair_evaluations: median and largest number of evaluations for a minimal pair.
         coverage_free, coverage_assisted, coverage_plain: coverage of the two intervals, and of plain Monte Carlo's.
         width_free, width_assisted: mean widths relative to plain Monte Carlo's.
         calibrated: share of repetitions in which the rule allows the model-assisted number.
@@ -73,7 +65,6 @@ class Row:
     batch: int
     seed: int
     repetitions: int
-    pair_evaluations: tuple[float, float]
     coverage_free: float
     coverage_assisted: float
     coverage_plain: float
@@ -85,29 +76,8 @@ class Row:
     failures: tuple[str, ...]
 
 
-def cube(dimensions: int) -> Domain:
-    """Return a domain of uniform parameters in 0…1."""
-    definitions = [
-        ParameterDefinition.model_validate(
-            {"path": f"scene.x{i}", "type": "FLOAT", "minimum": 0, "maximum": 1, "default": 0, "affects": "geometry"}
-        )
-        for i in range(dimensions)
-    ]
-    return Domain(definitions, [Variation(definition.path, Uniform()) for definition in definitions])
-
-
-def pair_evaluations(planted: planted_scores.Planted, seed: int) -> int:
-    """Return the number of evaluations for a minimal pair."""
-    points = np.random.default_rng([seed, 1, 2]).random((SOUGHT, planted.dimensions))
-    scores = planted.score(points)
-    failing, passing = points[scores < planted_scores.AT_LEAST][0], points[scores >= planted_scores.AT_LEAST][0]
-    strategy = Explain(cube(planted.dimensions), failing, passing, at_least=planted_scores.AT_LEAST)
-    return pursue(strategy, planted.score, budget=1000, batch=1)
-
-
 def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: int, batch: int) -> Row:
     """Measure one family."""
-    pairs: list[int] = []
     held: dict[str, list[bool]] = {"assumption-free": [], "assisted": [], "plain": []}
     widths: dict[str, list[float]] = {"assumption-free": [], "assisted": [], "plain": []}
     calibrated: list[bool] = []
@@ -115,7 +85,6 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
     for repetition in range(repetitions):
         if repetition % DRAWS == 0:
             planted = planted_scores.plant(family, seed + repetition, rate)
-            pairs.append(pair_evaluations(planted, seed + repetition))
         strategy = Estimate(Cube(planted.dimensions), at_least=planted_scores.AT_LEAST, seed=seed + repetition)
         started = time.process_time()
         pursue(strategy, planted.score, budget=budget, batch=batch)
@@ -146,7 +115,6 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
         batch,
         seed,
         repetitions,
-        (float(np.median(pairs)), float(max(pairs))),
         float(np.mean(held["assumption-free"])),
         float(np.mean(held["assisted"])),
         float(np.mean(held["plain"])),
@@ -165,22 +133,23 @@ def low(hits: Sequence[bool]) -> bool:
 
 
 def show(rows: Sequence[Row]) -> None:
-    print(
-        f"{'':18}{'pair: median, most':>20}{'free':>14}{'assisted':>14}{'plain':>7}"
-        f"{'calibrated: share, coverage':>29}{'CPU s/batch':>13}"
-    )
+    print(f"{'':18}{'free':>14}{'assisted':>14}{'plain':>7}{'calibrated: share, coverage':>29}{'CPU s/batch':>13}")
     for row in rows:
         calibrated = "–" if row.coverage_calibrated is None else f"{100 * row.coverage_calibrated:.1f}"
         print(
-            f"{row.family:18}{row.pair_evaluations[0]:12.0f}{row.pair_evaluations[1]:8.0f}"
-            f"{100 * row.coverage_free:8.1f} ×{row.width_free:4.2f}{100 * row.coverage_assisted:8.1f} ×"
+            f"{row.family:18}{100 * row.coverage_free:8.1f} ×{row.width_free:4.2f}{100 * row.coverage_assisted:8.1f} ×"
             f"{row.width_assisted:4.2f}{100 * row.coverage_plain:7.1f}{100 * row.calibrated:20.0f} %{calibrated:>7}"
             f"{row.overhead:13.2f}  {', '.join(row.failures)}"
         )
 
 
 def measure_others(
-    goals: Sequence[str], families: Sequence[str], seed: int, repetitions: int, budgets: Sequence[int]
+    goals: Sequence[str],
+    families: Sequence[str],
+    seed: int,
+    repetitions: int,
+    budgets: Sequence[int],
+    cells: Sequence[tuple[float, int, int]],
 ) -> None:
     """Measure the goals other than estimates, a tenth as often with a large budget; store each line."""
     runs: list[Callable[[], Any]] = []
@@ -208,10 +177,34 @@ def measure_others(
             partial(guided_goals.measure_cascade, case, seed=seed, repetitions=repetitions)
             for case in guided_goals.CASCADE_CASES
         ]
+    scored = [family for family in planted_scores.MARGINS if family in families]
+    if "rank" in goals:
+        runs += [
+            partial(guided_peers.measure_rank, family, seed=seed, repetitions=repetitions, draws=DRAWS)
+            for family in scored
+        ]
+    if "pairs" in goals:
+        runs += [partial(guided_peers.measure_pairs, family, seed=seed, repetitions=repetitions) for family in scored]
+    if "rates" in goals:
+        runs += [
+            partial(
+                guided_peers.measure_rates,
+                family,
+                seed=seed,
+                repetitions=repetitions,
+                rate=rate,
+                budget=budget,
+                draws=DRAWS,
+            )
+            for rate, budget, _ in cells
+            for family in scored
+        ]
     rows: list[dict[str, Any]] = []
     for run in runs:
-        rows.append(asdict(run()))
-        print(" · ".join(f"{name} {_shown(value)}" for name, value in rows[-1].items()), flush=True)
+        found = run()
+        for row in found if isinstance(found, tuple) else (found,):
+            rows.append(asdict(row))
+            print(" · ".join(f"{name} {_shown(value)}" for name, value in rows[-1].items()), flush=True)
         results.write("guided_goals", {"seed": seed, "rows": rows})
 
 
@@ -233,14 +226,15 @@ def main() -> None:
     parser.add_argument("--budgets", nargs="+", type=int, default=(500, 2000, 10_000), help="of the searches for modes")
     parser.add_argument("--goals", nargs="+", choices=GOALS, default=GOALS)
     chosen = parser.parse_args()
+    cells = CELLS if chosen.rate is None else ((chosen.rate, chosen.budget, chosen.batch),)
     others = [name for name in chosen.goals if name != "estimate"]
     if others:
-        measure_others(others, chosen.families, chosen.seed, chosen.repetitions, chosen.budgets)
+        measure_others(others, chosen.families, chosen.seed, chosen.repetitions, chosen.budgets, cells)
     if "estimate" not in chosen.goals:
         return
     print("Coverage in % × width in units of plain Monte Carlo's with as many evaluations")
     rows: list[Row] = []
-    for rate, budget, batch in CELLS if chosen.rate is None else [(chosen.rate, chosen.budget, chosen.batch)]:
+    for rate, budget, batch in cells:
         print(f"rate {rate:g}, {budget} evaluations in batches of {batch}")
         for family in (name for name in planted_scores.MARGINS if name in chosen.families):
             rows.append(

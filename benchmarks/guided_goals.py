@@ -1,9 +1,11 @@
 """Measure the goals find, map, compare and cascade on planted truth.
 
 *find* (`benchmarks.planted_modes`): number of planted modes with a repeated failure, compared with as many scrambled Sobol'
-points, as many random ones, and restarts of CMA-ES where the package ``cma`` is installed (Hansen 2016, arXiv:1604.00772). Each
-failure is repeated once within the budget. Batch k of `Find` knows the scores up to batch k − 2; CMA-ES knows every score at
-once, starts at random points with a deviation of 0.2, and starts again after each repeated failure.
+points, as many random ones, restarts of CMA-ES where the package ``cma`` is installed (Hansen 2016, arXiv:1604.00772), and
+MAP-Elites where ``ribs`` is (Tjanaka and others 2023, doi:10.1145/3583131.3590374). Each failure is repeated once within the
+budget. Batch k of `Find` knows the scores up to batch k − 2, the last two know every score at once. CMA-ES starts at random
+points with a deviation of 0.2, and again after each repeated failure. MAP-Elites keeps the lowest score in each of `CELLS`
+cells around random points, and a quarter of its points are random.
 
 *map* (`benchmarks.planted_scores` in six dimensions, 30 % failing, and `benchmarks.planted_streets`): wrong calls with
 243 points, compared with an interpolated grid of 729 and with the same models on Sobol' points only. *compare* and *cascade*:
@@ -17,7 +19,6 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any, Final
 from unittest import mock
 
@@ -26,6 +27,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.special import logit
 
 from benchmarks import planted_modes, planted_scores, planted_streets
+from benchmarks.guided_peers import package
 from valerie.guided import map as mapping
 from valerie.guided.cascade import Cascade
 from valerie.guided.compare import Compare
@@ -42,6 +44,9 @@ MAP_DIMENSIONS: Final = 6
 GRID: Final = 3
 MAP_BUDGET: Final = GRID**MAP_DIMENSIONS // 3
 BATCHES: Final = 32
+#: Cells of MAP-Elites, and its points at a time.
+CELLS: Final = 512
+ELITES: Final = 16
 _CHECKED: Final = 4_000
 
 
@@ -51,7 +56,8 @@ class FindRow:
 
     Attributes:
         found, reported: by `Find`: modes with a repeated failure, and modes in its result.
-        sobol, random, evolution: modes with a repeated failure by the other searches; ``evolution`` is empty without ``cma``.
+        sobol, random, evolution, elites: modes with a repeated failure by the other searches; the last two are empty without
+            their packages.
         failed: shares of repetitions in which `Find` found fewer modes than the Sobol' points.
         overhead: CPU seconds of `Find` per batch.
     """
@@ -65,6 +71,7 @@ class FindRow:
     sobol: tuple[float, ...]
     random: tuple[float, ...]
     evolution: tuple[float, ...]
+    elites: tuple[float, ...]
     failed: tuple[float, ...]
     overhead: float
 
@@ -72,7 +79,7 @@ class FindRow:
 def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int, ...]) -> FindRow:
     """Measure searches for modes, with covariates if the family has them; a batch is a 32nd of the budget."""
     table, overhead = [], []
-    peer = find_spec("cma") is not None
+    peers = {name: package(name) for name in ("cma", "ribs")}
     for repetition in range(seed, seed + repetitions):
         planted = planted_modes.Planted(family, repetition)
         # The points with which `Find` explores, so that the difference is not that of two scramblings.
@@ -82,12 +89,13 @@ def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int
         for budget in budgets:
             modes, clusters, seconds = _search(planted, repetition, budget)
             even, drawn = (_met(planted, points, budget) for points in (sobol, random))
-            evolved = _evolve(planted, repetition, budget) if peer else 0
-            row.append((modes, clusters, even, drawn, evolved, modes < even))
+            evolved = _evolve(planted, repetition, budget) if peers["cma"] else 0
+            kept = _illuminate(planted, repetition, budget) if peers["ribs"] else 0
+            row.append((modes, clusters, even, drawn, evolved, kept, modes < even))
             overhead.append(seconds)
         table.append(row)
     means = [tuple(column.tolist()) for column in np.array(table, np.float64).mean(axis=0).T]
-    found, reported, by_sobol, by_random, by_evolution, failed = means
+    found, reported, by_sobol, by_random, by_evolution, by_elites, failed = means
     return FindRow(
         "find",
         family,
@@ -97,7 +105,8 @@ def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int
         reported,
         by_sobol,
         by_random,
-        by_evolution if peer else (),
+        by_evolution if peers["cma"] else (),
+        by_elites if peers["ribs"] else (),
         failed,
         float(np.mean(overhead)),
     )
@@ -129,6 +138,30 @@ def _evolve(planted: planted_modes.Planted, seed: int, budget: int) -> int:
                 again = failing[planted.score(failing, 1) < AT_LEAST]
                 repeated += list(again)
                 met = bool(len(again))
+    return int(planted.modes(np.array(repeated)).any(axis=0).sum()) if repeated else 0
+
+
+def _illuminate(planted: planted_modes.Planted, seed: int, budget: int) -> int:
+    """Return the number of modes that MAP-Elites finds, with all parameters as its measures."""
+    archives, emitters = (import_module(f"ribs.{part}") for part in ("archives", "emitters"))
+    rng = np.random.default_rng([seed, 6])
+    ranges = [(0.0, 1.0)] * planted.dimensions
+    archive = archives.CVTArchive(
+        solution_dim=planted.dimensions, centroids=rng.random((CELLS, planted.dimensions)), ranges=ranges, seed=seed
+    )
+    start = rng.random((budget // 4, planted.dimensions))
+    emitter = emitters.IsoLineEmitter(archive, initial_solutions=start, bounds=ranges, seed=seed, batch_size=ELITES)
+    spent, repeated = 0, list[Floats]()
+    while spent < budget:
+        points = emitter.ask()
+        scores = planted.score(points)
+        archive.add(points, -scores, points)
+        failing = points[scores < AT_LEAST]
+        within = spent + np.arange(1, len(points) + 1) + np.cumsum(scores < AT_LEAST) <= budget
+        again = points[within & (scores < AT_LEAST)]
+        spent += len(points) + len(failing)
+        if len(again):
+            repeated += list(again[planted.score(again, 1) < AT_LEAST])
     return int(planted.modes(np.array(repeated)).any(axis=0).sum()) if repeated else 0
 
 

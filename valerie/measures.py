@@ -225,7 +225,7 @@ MEASURES: Final = (
     ),
     Measure(
         "irradiance", ColumnType.FLOAT, Source.LIGHT, "light on the body",
-        "light that arrives on the visible body; 1 is a clear noon sun",
+        "light that arrives on the visible body; 1 is a clear noon sun; 0.89 to 1.62 times a path tracer's (95 % of persons)",
         0.71, unit="of a clear noon sun", digits=2, low=0.0, bin_width=0.1, is_tested=True, is_queried=True,
     ),
     _rate(

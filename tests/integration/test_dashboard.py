@@ -40,6 +40,9 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A server with a finished, a failed and a running run, and two versions of a function."""
     folder = tmp_path_factory.mktemp("dashboard")
     world = DrawnWorld(settings_of(folder, log_level="error"))
+    for light, elevation in (("at noon", 35.0), ("at dusk", -3.0)):
+        held = [["sun-1.elevation", "CHOICE", elevation], ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 10.0]]
+        world.work(spec(light, vary=held, cameras=["camera-1"]))
     world.work(spec("finished", requirements=REQUIREMENTS))
     failing = spec("lost a layer", constants={"sun-1.elevation": 12})
     world.work(failing, broken=layer_of_variant_4)
@@ -161,7 +164,7 @@ def test_the_view_in_an_address_is_shown_also_when_nothing_else_changes(page: Pa
 
 def test_the_list_shows_every_run_with_its_state(page: Page) -> None:
     rows = page.locator("tbody tr")
-    assert rows.count() == 5
+    assert rows.count() == 7
     states = {row.locator("a").inner_text(): row.locator(".chip").inner_text() for row in rows.all()}
     assert states["finished"] == "completed"
     assert "failures" in states["lost a layer"]
@@ -369,6 +372,23 @@ def test_two_runs_are_coloured_by_run_and_their_sides_say_what_differs(page: Pag
     page.select_option("#side-after", label=f"{FUNCTIONS[1]} · finished")
     page.wait_for_selector(f".pair .clipped:text-is('{FUNCTIONS[1]}')")
     assert names.first.inner_text() == FUNCTIONS[0]
+
+
+def test_two_runs_match_across_a_parameter_that_each_holds(page: Page) -> None:
+    runs = [
+        page.locator(".runs tr", has_text=name).locator("a").first.get_attribute("href").rsplit("/", 1)[1]
+        for name in ("at noon", "at dusk")
+    ]
+    page.goto(f"{page.url.split('#')[0]}#/explore?runs={','.join(runs)}&tab=compare")
+    page.wait_for_selector("text=0 persons matched")
+    page.get_by_role("group", name="Match across").get_by_role("button", name="sun-1.elevation").click()
+    page.wait_for_selector(".pair .thumbnail:not(.waiting)")
+    assert "across=scene.sun-1.elevation" in page.url
+    page.reload()
+    page.wait_for_selector(".pair .thumbnail:not(.waiting)")
+    page.select_option("#side-after", label=f"{FUNCTIONS[1]} · at noon")  # another pair of sides
+    page.wait_for_selector(f".pair .clipped:text-is('{FUNCTIONS[1]}')")
+    assert "across=" not in page.url
 
 
 def test_cards_wait_for_their_rows_and_a_brush_beyond_the_plot_ends_at_the_column_s_values(page: Page) -> None:

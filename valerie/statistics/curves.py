@@ -238,16 +238,15 @@ def proven_changes(
 
 
 def _alike(data: _Sums, values: ArrayLike, places: ArrayLike, positions: NDArray[np.float64] | None) -> bool:
-    """Return True if neighbouring places have similar means, apart from those of the bins that their rows are in."""
+    """Return True if neighbouring places have similar means, apart from any curve that is straight between the bins' centres."""
     if positions is None:
         return False
     place, occurring = dense(np.asarray(places)[data.used])
-    count = np.zeros((len(occurring), len(data.mean)))
-    np.add.at(count, (place, data.bin_of), 1.0)
-    rows = count.sum(axis=1)
-    means = np.bincount(place, np.asarray(values, np.float64)[data.used]) / rows
+    hats = [np.interp(data.along, data.centre, knot) for knot in np.eye(len(data.centre))]
+    columns = np.asarray(values, np.float64)[data.used], *hats
+    means = np.stack([np.bincount(place, column) / np.bincount(place) for column in columns], axis=1)
     where = coordinates(positions[data.used], place, len(occurring))
-    return bool(alike(means[:, None], where, count / rows[:, None])[0])
+    return bool(alike(means[:, :1], where, means[:, 1:])[0])
 
 
 def _between_thirds(

@@ -172,6 +172,11 @@ def measured_importance(
     """
     from scipy.stats import rankdata
 
+    try:
+        import sklearn.ensemble  # noqa: F401  # its OpenMP is limited below, so it must be loaded
+        from threadpoolctl import threadpool_limits
+    except ModuleNotFoundError as error:
+        raise MissingDependency("importance needs scikit-learn: install valerie[report]") from error
     scores, numbers, place = _checked(values, places, columns)
     generator = np.random.default_rng(seed)
     rows = _some_places(place, generator)
@@ -183,24 +188,26 @@ def measured_importance(
     # Monotone transforms do not affect trees, and the regressions are nearly linear on this scale.
     normal = np.column_stack([ndtri((rankdata(numbers[:, k]) - 0.5) / len(rows)) for k in varying])
     fold = (generator.permutation(count) % _FOLDS)[place]
-    models = [_fit(normal[fold != k], scores[fold != k]) for k in range(_FOLDS)]
+    # Trees of so few rows gain nothing from threads, which on busy cores wait for each other, spinning.
+    with threadpool_limits(1, user_api="openmp"):
+        models = [_fit(normal[fold != k], scores[fold != k]) for k in range(_FOLDS)]
 
-    def squared_errors(x: Floats) -> Floats:
-        predicted = np.empty(len(x))
-        for k, model in enumerate(models):
-            predicted[fold == k] = model(x[fold == k])
-        return np.asarray((predicted - scores) ** 2)
+        def squared_errors(x: Floats) -> Floats:
+            predicted = np.empty(len(x))
+            for k, model in enumerate(models):
+                predicted[fold == k] = model(x[fold == k])
+            return np.asarray((predicted - scores) ** 2)
 
-    before = squared_errors(normal)
-    losses, p_values = [], []
-    for column in range(len(varying)):
-        gain = np.zeros(len(rows))
-        for exchanged in _exchanged(normal, column, generator):
-            gain += (squared_errors(exchanged) - before) / _PERMUTATIONS
-        of_places = np.bincount(place, gain) / np.bincount(place)
-        losses.append(float(of_places.mean() / scores.var()))
-        error = float(of_places.std(ddof=1)) / count**0.5
-        p_values.append(float(stdtr(count - 1, -of_places.mean() / error)) if error > 0 else 1.0)
+        before = squared_errors(normal)
+        losses, p_values = [], []
+        for column in range(len(varying)):
+            gain = np.zeros(len(rows))
+            for exchanged in _exchanged(normal, column, generator):
+                gain += (squared_errors(exchanged) - before) / _PERMUTATIONS
+            of_places = np.bincount(place, gain) / np.bincount(place)
+            losses.append(float(of_places.mean() / scores.var()))
+            standard_error = float(of_places.std(ddof=1)) / count**0.5
+            p_values.append(float(stdtr(count - 1, -of_places.mean() / standard_error)) if standard_error > 0 else 1.0)
     names = list(columns)
     entries = zip((names[k] for k in varying), losses, holm(p_values).tolist(), strict=True)
     return tuple(sorted((Importance(*entry) for entry in entries), key=lambda one: (one.p_value, -one.loss)))
@@ -237,10 +244,8 @@ def _fit(x: Floats, scores: Floats) -> Callable[[Floats], Floats]:
     The additive model is piecewise linear in each of its columns, which are added one by one while Schwarz's criterion falls
     (1978, doi:10.1214/aos/1176344136). Trees without it would divide an effect among correlated columns.
     """
-    try:
-        from sklearn.ensemble import HistGradientBoostingRegressor
-    except ModuleNotFoundError as error:
-        raise MissingDependency("importance needs scikit-learn: install valerie[report]") from error
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
     basis = _basis(x)
     gram, product = basis.T @ basis, basis.T @ scores
 

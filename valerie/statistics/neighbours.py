@@ -15,10 +15,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-#: p-value at which places count as alike in what is compared between them. Taking independent places for alike costs power.
+#: Largest and smallest p-value at which places count as alike. Taking independent places for alike costs power.
 ALIKE: Final = 0.2
-#: The same, times the number of places, for what is compared within places: 0.05 at 120. Fewer places show less likeness.
-_WITHIN: Final = 6.0
+_LEAST: Final = 0.01
+#: Fewer places show less likeness: the p-value is the first over the number of places for what is compared between them (0.1 at
+#: 120 places), and the second over its square for differences within them (0.02), most of which are independent.
+_BETWEEN: Final = 12.0
+_WITHIN: Final = 300.0
 #: Fewest and most nearest places that are compared with each place: a quarter of all, within these.
 _NEAREST: Final = (4, 8)
 #: Shuffles behind the null distribution.
@@ -40,7 +43,7 @@ def alike(
         figures: (G, S) of the places; NaN where a place has none.
         positions: (G, D) coordinates of the places, metres.
         fitted: (G, P) columns whose linear combination is taken from the figures first; None: their mean.
-        within: whether the figures are differences within places, most of which are independent; this decides the level.
+        within: whether the figures are differences within places; this decides the level.
 
     Returns:
         (S,) bool: True if a column is alike, or all columns with figures at the same places together are.
@@ -57,7 +60,7 @@ def alike(
 
 def level_of(places: int, *, within: bool) -> float:
     """Return the p-value at which places count as alike."""
-    return min(ALIKE, _WITHIN / places) if within else ALIKE
+    return min(ALIKE, max(_LEAST, _WITHIN / places**2 if within else _BETWEEN / places))
 
 
 def _alike(

@@ -49,6 +49,7 @@ export async function exploreView({ main, parameters, signal }) {
     beside: parameters.get("beside"), // an expression; null: the rest
     fn: parameters.get("fn"), cell: parameters.get("cell"),
     before: parameters.get("before"), after: parameters.get("after"), outcome: parameters.get("outcome"),
+    across: parameters.getAll("across").filter((name) => columns.has(name)), // paths
   };
   const where = () => state.brushes.where(state.where);
   const query = (more = {}) => {
@@ -66,7 +67,10 @@ export async function exploreView({ main, parameters, signal }) {
     parts.set("p", state.p.join(","));
     if (!state.crop) parts.set("crop", "0");
     if (state.beside !== null) parts.set("beside", state.beside);
-    if (state.tab === "compare") for (const name of ["before", "after", "outcome"]) if (state[name]) parts.set(name, state[name]);
+    if (state.tab === "compare") {
+      for (const name of ["before", "after", "outcome"]) if (state[name]) parts.set(name, state[name]);
+      for (const name of state.across) parts.append("across", name);
+    }
     if (state.tab === "confusion") for (const name of ["fn", "cell"]) if (state[name]) parts.set(name, state[name]);
     return parts;
   };

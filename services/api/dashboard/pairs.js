@@ -41,7 +41,7 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
   const labels = () => (sameRun() ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses` } : OUTCOMES);
   const element = h("div", { class: "stack wide-gap" });
   const choice = (name, label) => {
-    const field = h("select", { id: `side-${name}`, on: { change: () => { state[name] = field.value; remember(); load(); } } }, sides.map((side) => h("option", { value: side }, full(side))));
+    const field = h("select", { id: `side-${name}`, on: { change: () => { state[name] = field.value; state.across = []; remember(); load(); } } }, sides.map((side) => h("option", { value: side }, full(side))));
     field.value = state[name];
     return h("label", { class: "inline", for: `side-${name}` }, label, field);
   };
@@ -53,7 +53,7 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
       put(element, "same", h("p", { class: "soft" }, sides.length < 2 ? "There is one function only. Explore two runs together, or a run of two functions, to compare them." : "Choose two different sides."));
       return;
     }
-    const ask = () => get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome })}`, { signal });
+    const ask = () => get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome, across: state.across })}`, { signal });
     let { comparison: one, differs, rows } = await ask();
     // Until somebody chooses: what the worse side misses alone, or the first outcome that shows something.
     const shown = chosen ? state.outcome : [one.difference > 0 ? "fixed" : "broken", ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? state.outcome;
@@ -64,9 +64,12 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
     const outcomes = h("div", { class: "segments", role: "group", "aria-label": "Outcome" }, Object.entries(labels()).map(([name, label]) =>
       h("button", { type: "button", "aria-pressed": String(name === state.outcome), on: { click: () => { chosen = true; state.outcome = name; remember(); load(); } } }, `${label} `, h("span", { class: "number" }, count(one.outcomes[name])))));
     const unmatched = one.rows[0] - one.matched;
-    put(element, [one, state.outcome], verdict(one, text(state.before), text(state.after)), ofFrames(one), differing(differs), outcomes,
+    const crossed = (path) => state.across.includes(path);
+    const across = one.held.length ? h("div", { class: "row" }, h("span", { class: "small soft" }, "Match across"), h("div", { class: "segments", role: "group", "aria-label": "Match across" }, one.held.map((path) =>
+      h("button", { type: "button", title: "Each run holds it at a value of its own; persons match although it differs.", "aria-pressed": String(crossed(path)), on: { click: () => { state.across = crossed(path) ? state.across.filter((other) => other !== path) : [...state.across, path]; remember(); load(); } } }, titleOf(columns.get(path)))))) : null;
+    put(element, [one, state.outcome, state.across], across, verdict(one, text(state.before), text(state.after)), ofFrames(one), differing(differs), outcomes,
       h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
-      one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) })) : h("p", { class: "soft" }, `No person: ${labels()[state.outcome].toLowerCase()}.`));
+      one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) })) : h("p", { class: "soft" }, one.matched ? `No person: ${labels()[state.outcome].toLowerCase()}.` : "No person of one side has a partner on the other."));
   };
   return { element, tools: [light.element, choice("before", "From"), choice("after", "to")].filter(Boolean), load };
 }

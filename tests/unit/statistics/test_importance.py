@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 from scipy.special import ndtr
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from valerie.errors import InvalidInput
-from valerie.statistics.importance import measured_importance, variance_shares
+from valerie.statistics import importance
+from valerie.statistics.importance import _fit, measured_importance, variance_shares
 from valerie.statistics.observations import observe
 
 
@@ -61,6 +63,20 @@ def test_columns_that_say_the_same_hide_each_other():
     x = np.random.default_rng(4).standard_normal(200)
     results = measured_importance(x, np.arange(200), {"metres": x, "feet": 3.28 * x})
     assert not any(result.named for result in results)
+
+
+def test_trees_take_one_thread_whatever_the_machine_offers(monkeypatch):
+    threads = set()
+
+    def fitted(*arguments):
+        threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "openmp")
+        return _fit(*arguments)
+
+    monkeypatch.setattr(importance, "_fit", fitted)
+    generator = np.random.default_rng(5)
+    with threadpool_limits(2, user_api="openmp"):
+        measured_importance(generator.random(60), np.arange(60), {"a": generator.random(60)})
+    assert threads == {1}
 
 
 def test_few_places_are_not_tested():

@@ -66,17 +66,21 @@ def flip_sentence(test: FlipTest, largest: float, pairs: int) -> str:
 
 
 def departure_sentence(test: DepartureTest, left: Departure, *, alike: bool) -> str:
-    """Return where a curve leaves its first level, and the claimed place; ``alike`` places give no bounds."""
+    """Return where a curve leaves its first level, with the interval of that place unless places are ``alike``, and the claim."""
     leaves, change = f"over {title_of(test.over)}, pACC", f"its first level by {100 * test.by:g} points"
     if left.estimate is None:
         best = f"{leaves} nowhere leaves {change}"
     else:
         best = f"{leaves} leaves {change} at {_value(test.over, left.estimate)}"
-    certain = [f"not before {_value(test.over, left.not_before)}"] if left.not_before is not None else []
-    certain += [f"at {_value(test.over, left.at_latest)} at the latest"] if left.at_latest is not None else []
+    first, last = (None if x is None else _value(test.over, x) for x in (left.not_before, left.at_latest))
+    certain = {
+        (True, True): f"95 %: from {first} to {last}",
+        (True, False): f"95 %: after {first}, or nowhere",
+        (False, True): f"95 %: by {last}, perhaps at once",
+        (False, False): "95 %: anywhere or nowhere",
+    }[first is not None, last is not None]
     claimed = f"{_value(test.over, test.at - test.tolerance)} to {_value(test.over, test.at + test.tolerance)}"
-    unsure = _ALIKE if alike else "the band is too wide to be sure"
-    return f"{best} ({', '.join(certain) or unsure}); claimed {claimed}"
+    return f"{best} ({_ALIKE if alike else certain}); claimed {claimed}"
 
 
 def trend_sentence(test: TrendTest, changes: Changes) -> str:

@@ -60,6 +60,7 @@ class Comparison:
         places: number of places behind it.
         precision, iou: of each side's frames that show a matched person, from pooled counts; None without any.
         pairs: the pairs of the requested outcome that differ most.
+        held: paths of the varied parameters that each run holds at a value of its own, across which rows can match.
     """
 
     rows: tuple[int, int]
@@ -72,6 +73,7 @@ class Comparison:
     precision: tuple[float | None, float | None]
     iou: tuple[float | None, float | None]
     pairs: list[Pair]
+    held: list[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,8 @@ def compare_sides(
             known = exploration.table.codes("run_id" if kind == "run" else "function").names
             if name not in known:
                 raise UnknownName(f"{kind} of these rows", name, known, field=field)
-    crossed = _crossed(exploration.table, (before.run, after.run), across)
+    held = _held(exploration.table, (before.run, after.run))
+    crossed = held.paths(across, field="across")
     varied = (path for path in exploration.table.parameters if path not in crossed)
     keys = SAME_FRAME if before.run == after.run else (*SAME_MOMENT, *varied)
     columns = ", ".join(quoted(name) for name in (ROW, "pacc", *keys))
@@ -158,13 +161,12 @@ def compare_sides(
         precision=(first.precision_pooled, second.precision_pooled),
         iou=(first.iou_pooled, second.iou_pooled),
         pairs=_pairs(zip(a[chosen], b[chosen], pa_[chosen], pb[chosen], strict=True)),
+        held=held.own,
     )
 
 
-def _crossed(table: EvaluationTable, runs: tuple[str, str], across: Sequence[str]) -> list[str]:
-    """Return the paths of the named parameters."""
-    if not across:
-        return []
+def _held(table: EvaluationTable, runs: tuple[str, str]) -> HeldParameters:
+    """Return the varied parameters of both runs."""
     values: dict[str, tuple[object, object]] = {}
     varying = {}
     masks = [pa.array(table.codes("run_id").where(run)) for run in runs]
@@ -173,7 +175,7 @@ def _crossed(table: EvaluationTable, runs: tuple[str, str], across: Sequence[str
         values[path] = (here[0], there[0])
         if len(here) > 1 or len(there) > 1:
             varying[path] = runs[len(here) <= 1]
-    return HeldParameters(values, varying).paths(across, field="across")
+    return HeldParameters(values, varying)
 
 
 def largest_swings(exploration: Exploration, selection: Selection, *, limit: int) -> list[Swing]:

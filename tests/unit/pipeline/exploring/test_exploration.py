@@ -237,6 +237,7 @@ def test_two_runs_are_matched_across_a_parameter_that_each_holds() -> None:
         )  # fmt: skip
 
     assert compared("dusk").matched == 0
+    assert (compared("dusk").held, compared("both").held) == ([sun], [])
     assert [(pair.pacc_before, pair.pacc_after) for pair in compared("dusk", "sun-1.elevation").pairs] == [(0.1, 0.6)]
     assert compared("dusk", sun).matched == 2
     with pytest.raises(InvalidInput, match=r"across: no parameter .* own: sun-1.elevation; got moon"):

@@ -2,6 +2,8 @@
 // report opens at once; a figure that fails keeps the picture.
 "use strict";
 (() => {
+  // Pictures far from the screen wait until the page has opened; afterwards all of them load, since paper shows them, too.
+  addEventListener("load", () => { for (const picture of document.querySelectorAll("img[loading]")) picture.loading = "eager"; });
   const figures = JSON.parse(document.getElementById("figures").textContent);
   const config = {
     displayModeBar: false, // drag to zoom, double click to go back
