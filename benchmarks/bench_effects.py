@@ -9,8 +9,8 @@ part                   question
 contrasts              Do the 95 % intervals of a difference within and between places contain it?
 effects of findings    Do the intervals of confirmed findings contain the planted effect (at most 5 % miss)?
 two runs               Do the intervals of a paired difference of two runs contain it?
-sites and designs      Which share of runs without an effect confirms a finding, on several sites, with Halton points, and
-                       where places are alike?
+sites and designs      Which share of runs without an effect confirms a finding, on several sites and with Halton points?
+places alike           What is claimed of a grid without any effect where neighbouring places and their effects are alike?
 trends                 How often is a rise or fall claimed without one (limit 5 %), and how often found? Do the intervals of
                        the difference between the last third and the first contain it?
 one point              How often is a requirement one percentage point off its bound decided, and a drop of one point found?
@@ -36,17 +36,16 @@ from scipy.special import betaincinv, ndtr, ndtri
 from scipy.stats import qmc
 
 from benchmarks import results
-from benchmarks.bench_findings import CURVES, DECOYS, GRID, NOISE, PAPER_SMALL, Rows, crossed, pass_or_fail
+from benchmarks.bench_findings import CURVES, DECOYS, FIRST_RUN, GRID, NOISE, PAPER_SMALL, Rows, crossed, pass_or_fail
 from benchmarks.planted import World
 from valerie.analysis.findings.search import find_findings
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.plain import JsonObject
 from valerie.statistics.confirmation import find
-from valerie.statistics.contrasts import contrasts
+from valerie.statistics.contrasts import Change, contrasts
 from valerie.statistics.curves import proven_changes
 from valerie.statistics.gates import compare_versions
 from valerie.statistics.importance import measured_importance
-from valerie.statistics.neighbours import places_alike
 from valerie.statistics.observations import bin_codes, observe
 from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
 
@@ -202,7 +201,7 @@ def _two_runs(name: str, world: World, places: int, repetitions: int) -> Row:
     }  # fmt: skip
 
 
-# Sites, Halton points, places that are alike ------------------------------------------------------------------------------
+# Sites and Halton points --------------------------------------------------------------------------------------------------
 
 
 def sites_and_designs(repetitions: int) -> Iterator[Row]:
@@ -211,9 +210,6 @@ def sites_and_designs(repetitions: int) -> Iterator[Row]:
             title = f"grid of 4 places x 2 suns on {sites} sites"
             yield _no_effect(title, name, partial(_on_sites, world, sites), repetitions)
         yield _no_effect("halton, 256", name, partial(_halton, world, 256), repetitions)
-        for reach in (0.0, 4.0, 15.0):
-            alike = partial(crossed, world, GRID, reach_m=reach)
-            yield _no_effect(f"grid 6 x 8, alike over {reach:g} m", name, alike, repetitions, on_one_site=True)
 
 
 def _on_sites(world: World, sites: int, rng: Generator) -> Rows:
@@ -233,28 +229,57 @@ def _halton(world: World, units: int, rng: Generator) -> Rows:
     return Rows(world(u[:, 3:]), np.arange(units), factors)
 
 
-def _no_effect(
-    design: str, world: str, make: Callable[[Generator], Rows], repetitions: int, on_one_site: bool = False
-) -> Row:
+def _no_effect(design: str, world: str, make: Callable[[Generator], Rows], repetitions: int) -> Row:
     rng = np.random.default_rng(34)
-    confirmed = alike = before = 0
+    confirmed = 0
     for repetition in range(repetitions):
-        rows = make(rng)
-        observations = rows.observed()
-        together = False
-        if on_one_site:
-            positions = np.asarray(3.0 * np.column_stack([rows.factors["x"], rows.factors["y"]]), np.float64)
-            together = places_alike(observations, positions, seed=repetition)
-            before += any(item.confirmed for item in find(observations, seed=repetition).items)
-        alike += together
-        confirmed += any(item.confirmed for item in find(observations, seed=repetition, between=not together).items)
-    row: Row = {
-        "design": design, "world": world, "false confirmed": confirmed / repetitions,
-        "holds": _holds(confirmed / repetitions, repetitions),
+        confirmed += _confirms(make(rng), repetition)
+    rate = confirmed / repetitions
+    return {"design": design, "world": world, "false confirmed": rate, "holds": _holds(rate, repetitions)}
+
+
+def _confirms(rows: Rows, seed: int) -> bool:
+    return any(item.confirmed for item in find(rows.observed(), seed=seed).items)
+
+
+# Neighbouring places that are alike ---------------------------------------------------------------------------------------
+
+#: What is claimed of a grid without any effect; each with and without the test of likeness.
+_CLAIMS: Final = ("finding", "trend over y", "difference of two suns", "lower with the other version")
+
+
+def places_alike(repetitions: int) -> Iterator[Row]:
+    for size, shape in (("10 x 12", PAPER_SMALL), ("6 x 8", GRID), ("3 x 4", FIRST_RUN), ("1 x 30", (1, 30, 4, 2, 3))):
+        for name in WORLDS if shape == GRID else ("hazy",):
+            for reach in (0.0, 2.0, 4.0, 15.0):
+                yield _alike(size, shape, name, WORLDS[name], reach, repetitions)
+
+
+def _alike(size: str, shape: tuple[int, ...], name: str, world: World, reach: float, repetitions: int) -> Row:
+    """Plant a grid without effects; places, effects of suns and characters, and of another version are alike over ``reach``."""
+    rng = np.random.default_rng(40)
+    tested, blind = np.zeros(len(_CLAIMS)), np.zeros(len(_CLAIMS))
+    for repetition in range(repetitions):
+        rows = crossed(world, shape, rng, reach, effects=True)
+        other = crossed(world, shape, rng, reach, effects=True)
+        tested += _claimed(rows, other, repetition)
+        blind += _claimed(replace(rows, positions=None), other, repetition)
+    rates = (tested / repetitions).tolist()
+    return {
+        "places": size, "world": name, "alike over, m": reach,
+        **dict(zip(_CLAIMS, rates, strict=True)), "holds": _holds(max(rates), repetitions),
+        **{f"{claim}, untested": rate for claim, rate in zip(_CLAIMS, (blind / repetitions).tolist(), strict=True)},
     }  # fmt: skip
-    if on_one_site:
-        row |= {"taken for alike": alike / repetitions, "false without this test": before / repetitions}
-    return row
+
+
+def _claimed(rows: Rows, other: Rows, seed: int) -> tuple[bool, ...]:
+    """Return which of `_CLAIMS` the rows lead to; the other version's scores have the same distribution."""
+    changes = proven_changes(rows.factors["y"], rows.values, rows.places, seed=seed, positions=rows.positions)
+    trend = changes is not None and (changes.low > 0 or changes.high < 0 or changes.falls or changes.rises)
+    (sun, *_) = contrasts(rows.observed(), interactions=False, only=[(Change("sun", 0, 1),)])
+    whole = {"all": np.ones(len(rows.values), np.bool_)}
+    (version,) = compare_versions(rows.values, other.values, rows.places, whole, positions=rows.positions).slices
+    return _confirms(rows, seed), trend, sun.excludes_0(0.95), version.worse
 
 
 # Trends -------------------------------------------------------------------------------------------------------------------
@@ -432,6 +457,7 @@ PARTS: Final[dict[str, tuple[Callable[[int], Iterator[Row]], float]]] = {
     "effects of findings": (effects_of_findings, 0.2),
     "two runs": (two_runs, 1),
     "sites and designs": (sites_and_designs, 0.4),
+    "places alike": (places_alike, 0.4),
     "trends": (trends, 0.4),
     "one point": (one_point, 0.1),
     "paper-small": (paper_small, 0.4),

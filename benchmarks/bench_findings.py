@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any, Final
@@ -63,41 +63,51 @@ _SHAPES: Final = {" x ".join(map(str, shape)): shape for shape in (PAPER_SMALL, 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Planted rows: scores, places and factors."""
+    """Planted rows: scores, places and factors; and positions, if the analysis is to look for places that are alike."""
 
     values: Floats
     places: NDArray[np.int64]
     factors: dict[str, NDArray[np.int64]]
+    positions: Floats | None = None
 
     def observed(self) -> Observations:
-        return observe(self.values, self.places, self.factors)
+        return observe(self.values, self.places, self.factors, self.positions)
 
 
-def crossed(world: World, shape: tuple[int, ...], rng: Generator, reach_m: float = 0.0) -> Rows:
+def crossed(
+    world: World, shape: tuple[int, ...], rng: Generator, reach_m: float | None = None, *, effects: bool = False
+) -> Rows:
     """Return the rows of a grid: places differ, suns and characters act differently at each, and rows vary randomly.
 
     Args:
         world: function of hidden numbers that no factor changes.
         shape: numbers as in `PAPER_SMALL`.
         rng: source of all random numbers.
-        reach_m: correlation length of the first three numbers over places 3 m apart; 0: places are independent.
+        reach_m: correlation length of the first three numbers over places 3 m apart, whose positions the analysis knows; 0 or
+            None: places are independent; None: the analysis takes them so.
+        effects: whether the numbers of each sun and character correlate likewise, so that their effects are alike among
+            neighbours, with the mean 0 over streets.
     """
     x, y, sun, character, camera = (axis.ravel() for axis in np.meshgrid(*map(np.arange, shape), indexing="ij"))
     place = x * shape[1] + y
     u = rng.random((len(x), 6))
-    u[:, :3] = (_field(shape, reach_m, rng) if reach_m else rng.random((shape[0] * shape[1], 3)))[place]
-    u[:, 3] = rng.random((shape[0] * shape[1], shape[2]))[place, sun]
-    u[:, 4] = rng.random((shape[0] * shape[1], shape[3]))[place, character]
+    of_effects = reach_m if effects else 0.0
+    u[:, :3] = _field(shape, reach_m or 0.0, 3, rng)[place]
+    u[:, 3] = _field(shape, of_effects or 0.0, shape[2], rng)[place, sun]
+    u[:, 4] = _field(shape, of_effects or 0.0, shape[3], rng)[place, character]
     factors = {"x": x, "y": y, "sun": sun, "character": character, "camera": camera}
-    return Rows(world(u), place, factors)
+    positions = None if reach_m is None else np.asarray(3.0 * np.column_stack([x, y]), np.float64)
+    return Rows(world(u), place, factors, positions)
 
 
-def _field(shape: tuple[int, ...], reach_m: float, rng: Generator) -> Floats:
-    """Return (G, 3) uniform numbers of a correlated random field over places 3 m apart."""
+def _field(shape: tuple[int, ...], reach_m: float, numbers: int, rng: Generator) -> Floats:
+    """Return (G, numbers) uniform numbers of correlated random fields over places 3 m apart; 0: independent numbers."""
+    if not reach_m:
+        return rng.random((shape[0] * shape[1], numbers))
     x, y = (3.0 * axis.ravel() for axis in np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"))
     distance = np.hypot(x[:, None] - x, y[:, None] - y)
     root = np.linalg.cholesky(np.exp(-distance / reach_m) + 1e-9 * np.eye(len(x)))
-    return np.asarray(ndtr(root @ rng.standard_normal((len(x), 3))))
+    return np.asarray(ndtr(root @ rng.standard_normal((len(x), numbers))))
 
 
 def drawn(world: World, design: str, units: int, rng: Generator) -> Rows:
@@ -132,7 +142,7 @@ def lowered(rows: Rows, factor: str, points: float, rng: Generator, *, kind: str
     else:
         fails = rng.random(rows.places.max() + 1) < share
         values[where & fails[rows.places]] = 0.0
-    return Rows(values, rows.places, rows.factors)
+    return replace(rows, values=values)
 
 
 # Findings -----------------------------------------------------------------------------------------------------------------
@@ -152,8 +162,10 @@ def false_findings(repetitions: int) -> Iterator[Row]:
         for name, world in WORLDS.items():
             yield _no_effect(f"grid {size}", name, partial(crossed, world, shape), repetitions)
     for reach in (4.0, 15.0):
-        alike = partial(crossed, REPORTED["mild"], GRID, reach_m=reach)
-        yield _no_effect(f"grid 6 x 8, places alike over {reach:g} m", "mild", alike, repetitions)
+        for effects in (False, True):
+            alike = partial(crossed, REPORTED["mild"], GRID, reach_m=reach, effects=effects)
+            what = "places and effects" if effects else "places"
+            yield _no_effect(f"grid 6 x 8, {what} alike over {reach:g} m", "mild", alike, repetitions)
 
 
 def _no_effect(design: str, world: str, make: Callable[[Generator], Rows], repetitions: int) -> Row:

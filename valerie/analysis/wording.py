@@ -12,6 +12,8 @@ from valerie.statistics.units import Estimand
 DASH: Final = "–"
 #: Largest number of classes that a sentence names one by one.
 _NAMED: Final = 4
+#: Why there is no interval.
+ALIKE_PLACES: Final = "neighbouring places score alike, so they are no independent evidence"
 _POPULATIONS: Final = {
     Estimand.LISTED_GRID: "the listed variants",
     Estimand.DESIGN_BOX: "the space that the design draws from",

@@ -195,11 +195,16 @@ def renderables(result: GateResult) -> list[RenderableType]:
     from valerie.analysis.comparison.wording import undecided_text
     from valerie.analysis.verdicts.gate import slice_text
     from valerie.analysis.verdicts.text import verdicts_renderable
+    from valerie.analysis.wording import ALIKE_PLACES
 
     parts: list[RenderableType] = [verdicts_renderable(result.verdicts), ""] if result.verdicts else []
     for version in result.versions:
         worse, slices = len(version.gate.worse), version.gate.slices
-        few = {item.name: (item.places, item.places_needed) for item in slices if item.too_few and not item.worse}
+        few = {
+            item.name: (item.places, item.places_needed, item.alike)
+            for item in slices
+            if item.too_few and not item.worse
+        }
         head = f"{version.version} against {version.baseline}: "
         if version.undecided:
             head += "undecided"
@@ -216,7 +221,8 @@ def renderables(result: GateResult) -> list[RenderableType]:
         parts.append("")
     reasons = [f"{one.id} by {one.function} is {one.outcome}" for one in result.verdicts if not result.passes(one)]
     reasons += [
-        f"{one.version} against {one.baseline} is undecided, since its places are too few"
+        f"{one.version} against {one.baseline} is undecided, since "
+        f"{ALIKE_PLACES if one.gate.slices[0].alike else 'its places are too few'}"
         if one.undecided
         else f"{one.version} is worse than {one.baseline}"
         for one in result.versions

@@ -7,15 +7,15 @@ finding by 1 − level (splitting: Cox 1975, doi:10.1093/biomet/62.2.441).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
-from valerie.statistics.contrasts import Change, Contrast, Matching, contrasts
+from valerie.statistics.contrasts import Change, Contrast, contrasts
 from valerie.statistics.observations import Observations
 from valerie.statistics.power import places_needed
 
@@ -60,6 +60,7 @@ class Confirmation:
             has one, or if no affordable number suffices.
         places_needed: number of fresh places with which 90 % of runs confirm an effect half as large as the search saw,
             with all candidates accounted for; None if no affordable number suffices.
+        alike: whether neighbouring places are alike in what is compared, so that they are no independent evidence.
     """
 
     candidate: Contrast
@@ -70,6 +71,7 @@ class Confirmation:
     high: float
     places_needed: int | None
     places_for_size: int | None = None
+    alike: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +123,7 @@ def search(
     """
     from scipy.stats import false_discovery_control
 
-    looked_at = contrasts(observations, interactions=interactions, only=only)
+    looked_at = contrasts(replace(observations, positions=None), interactions=interactions, only=only)
     if not looked_at:
         return Search((), 0, observations.places)
     order = np.array([len(item.changes) for item in looked_at])
@@ -137,7 +139,11 @@ def search(
 
 
 def confirm(
-    candidates: Search, observations: Observations, *, level: float = 0.95, between: bool = True
+    candidates: Search,
+    observations: Observations,
+    *,
+    level: float = 0.95,
+    alike: Collection[tuple[Change, ...]] = (),
 ) -> Confirmations:
     """Test candidates on places that the search did not see: the other half, or a fresh run.
 
@@ -145,8 +151,8 @@ def confirm(
         candidates: from `search`.
         observations: rows of other places, with the same factors and codes.
         level: joint confidence; the chance of any false confirmed finding is at most 1 − ``level``.
-        between: whether places are independent evidence of differences between them. If not
-            (`valerie.statistics.neighbours`), such a difference is neither confirmed nor has it an interval.
+        alike: changes in which neighbouring places are alike (`valerie.statistics.neighbours`); they are neither confirmed nor
+            have they an interval.
 
     Raises:
         InvalidInput: the level lies outside 0…1.
@@ -154,8 +160,10 @@ def confirm(
     if not 0 < level < 1:
         raise InvalidInput("has to lie between 0 and 1", field="level", value=level)
     chosen = candidates.candidates
-    looked_at = _evident(contrasts(observations, only=[item.changes for item in chosen]), between=between)
-    by_changes = {item.changes: item for item in looked_at}
+    evident = [item.changes for item in chosen if item.changes not in alike]
+    # All places together, not this half, decide which changes are alike.
+    independent = replace(observations, positions=None)
+    by_changes = {item.changes: item for item in contrasts(independent, only=evident)}
     tested = [by_changes.get(item.changes) for item in chosen]
     adjusted = holm([1.0 if item is None else item.p_value for item in tested])
     agrees = [new is not None and new.estimate * old.estimate > 0 for new, old in zip(tested, chosen, strict=True)]
@@ -173,7 +181,8 @@ def confirm(
         elif contrast is not None:
             low, high = contrast.interval(shown)
         needed = fresh_places(candidate, candidate.estimate / 2, level=each)
-        findings.append(Confirmation(candidate, contrast, holds, p_value, low, high, needed, for_size))
+        together = candidate.changes in alike
+        findings.append(Confirmation(candidate, contrast, holds, p_value, low, high, needed, for_size, together))
     findings.sort(key=lambda finding: not finding.confirmed)
     return Confirmations(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
 
@@ -185,22 +194,25 @@ def find(
     interactions: bool = True,
     only: Sequence[tuple[Change, ...]] | None = None,
     level: float = 0.95,
-    between: bool = True,
 ) -> Confirmations:
     """Search half of the places and confirm in the other half; with too few places, search only.
+
+    A candidate in which neighbouring places are alike is not confirmed.
 
     Args:
         observations: all rows of a run.
         seed: of the halves.
         interactions, only: as of `search`.
-        level, between: as of `confirm`.
+        level: as of `confirm`.
     """
     searching = halves(observations.places, seed)
     if np.count_nonzero(searching) < FEWEST_PLACES:
         nowhere = observations.of_places(np.zeros(observations.places, np.bool_))
         return confirm(search(observations, interactions=interactions, only=only), nowhere, level=level)
     candidates = search(observations.of_places(searching), interactions=interactions, only=only)
-    return confirm(candidates, observations.of_places(~searching), level=level, between=between)
+    chosen = [item.changes for item in candidates.candidates]
+    alike = {item.changes for item in contrasts(observations, only=chosen) if item.alike}
+    return confirm(candidates, observations.of_places(~searching), level=level, alike=alike)
 
 
 def named(
@@ -208,23 +220,21 @@ def named(
     *,
     only: Sequence[tuple[Change, ...]] | None = None,
     level: float = 0.95,
-    between: bool = True,
 ) -> tuple[Confirmation, ...]:
     """Return the main effects that are significant over all places, by Holm's procedure; none counts as confirmed.
 
     With few places this detects what half of them cannot. The p-values are valid, but anything that the places share (a site,
-    a house) is part of each effect.
+    a house) is part of each effect. Effects in which neighbouring places are alike are left out.
 
     Args:
         observations: all rows of a run.
         only: as of `search`.
         level: joint confidence.
-        between: as of `confirm`.
 
     Returns:
         The clearest first. Their intervals hold together (Bonferroni); those that contain 0 are infinite.
     """
-    looked_at = _evident(contrasts(observations, interactions=False, only=only), between=between)
+    looked_at = [item for item in contrasts(observations, interactions=False, only=only) if not item.alike]
     adjusted = holm([item.p_value for item in looked_at])
     each = 1 - (1 - level) / max(len(looked_at), 1)
     chosen = [k for k in np.argsort(adjusted, kind="stable").tolist() if adjusted[k] <= 1 - level]
@@ -245,11 +255,6 @@ def _size(contrast: Contrast, level: float, shown: float) -> tuple[float, float,
     if contrast.excludes_0(level):
         return *contrast.interval(shown), None
     return -float("inf"), float("inf"), contrast.places_for_interval(level)
-
-
-def _evident(items: Sequence[Contrast], *, between: bool) -> list[Contrast]:
-    """Return the contrasts that places give evidence of; without ``between``, those within places only."""
-    return [item for item in items if between or item.matching is not Matching.MODEL]
 
 
 def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95, power_wanted: float = 0.9) -> int | None:

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.statistics.intervals import MIN_UNITS
+from valerie.statistics.neighbours import alike
 from valerie.statistics.observations import Observations, dense
 from valerie.statistics.power import smallest
 from valerie.statistics.unseen import Figures, reach
@@ -76,6 +77,8 @@ class Contrast:
         pairs: pairs of rows (groups of four for an interaction) that differ only in the changes.
         parameters: coefficients that the places determine besides the spread.
         figures: of the places whose mean is the estimate; or of the places on both sides, before and after.
+        alike: whether neighbouring places of one site have more similar figures than independent ones
+            (`valerie.statistics.neighbours`), so that error and p-value are too small. Then there is no interval.
     """
 
     changes: tuple[Change, ...]
@@ -88,6 +91,7 @@ class Contrast:
     pairs: int
     parameters: int
     figures: tuple[Figures, ...] = field(compare=False)
+    alike: bool = False
 
     @property
     def deviation(self) -> float:
@@ -107,14 +111,14 @@ class Contrast:
         )
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Return the interval of the difference with confidence ``level``; infinite from fewer than `MIN_UNITS` places."""
-        if self.places < MIN_UNITS or not self.degrees:
+        """Return the interval with confidence ``level``; infinite from fewer than `MIN_UNITS` places, or alike ones."""
+        if self.places < MIN_UNITS or not self.degrees or self.alike:
             return -float("inf"), float("inf")
         return self._interval(level, 1.0)
 
     def excludes_0(self, level: float, times: float = 1.0) -> bool:
         """Return True if the interval, of ``times`` as many places, does not contain 0."""
-        if self.places * times < MIN_UNITS or not self.degrees:
+        if self.places * times < MIN_UNITS or not self.degrees or self.alike:
             return False
         low, high = self._interval(level, times)
         return low > 0 or high < 0
@@ -224,7 +228,7 @@ class _Family:
                 matching, cells = self._changes(name)
                 differences[name], pairs = _by_place(cells)
                 singles = [(change,) for change in self._changes_of(name)]
-                yield from _averages(singles, matching, differences[name], pairs, self._reach)
+                yield from self._averages(singles, matching, differences[name], pairs)
             elif name in self.level_of_place and asked(name):
                 yield from self._between([], self._place_means()[:, None], name)
         if not interactions:
@@ -233,7 +237,7 @@ class _Family:
             if asked(first, second):
                 matching, cells = self._double_changes(first, second)
                 doubles = [(x, y) for x in self._changes_of(first) for y in self._changes_of(second)]
-                yield from _averages(doubles, matching, *_by_place(cells), self._reach)
+                yield from self._averages(doubles, matching, *_by_place(cells))
         for first, figures in differences.items():
             for second in self.level_of_place:
                 if asked(first, second):
@@ -308,6 +312,7 @@ class _Family:
             rows = np.asarray(known[:, batch].all(axis=1))
             model = self._model(name, rows)
             *columns, sides = model.compare(figures[rows, batch], before, after, self._reach if firsts else None)
+            together = self._alike(figures[rows, batch], rows, model.design)
             first = range(figures.shape[1])[batch]
             for s, k in enumerate(first):
                 rest = (
@@ -329,7 +334,27 @@ class _Family:
                         matched,
                         model.parameters,
                         (sides[s][one], sides[s][other]),
+                        bool(together[s]),
                     )
+
+    def _averages(
+        self,
+        changes: Sequence[tuple[Change, ...]],
+        matching: Matching,
+        figures: NDArray[np.float64],
+        pairs: NDArray[np.int64],
+    ) -> Iterator[Contrast]:
+        """Compare the mean of (G, S) differences of the places with 0."""
+        everywhere = np.ones(len(figures), np.bool_)
+        return _averages(changes, matching, figures, pairs, self._reach, self._alike(figures, everywhere))
+
+    def _alike(
+        self, figures: NDArray[np.float64], rows: NDArray[np.bool_], fitted: NDArray[np.float64] | None = None
+    ) -> NDArray[np.bool_]:
+        """Return (S,) bool, whether figures of the places in ``rows`` are alike among neighbours, apart from a fit."""
+        if self.observations.positions is None:
+            return np.zeros(figures.shape[1], np.bool_)
+        return alike(figures, self.observations.positions[rows], fitted, within=fitted is None)
 
     def _model(self, name: str, rows: NDArray[np.bool_]) -> _Model:
         """Return the model of the places in ``rows`` that compares the levels of a factor."""
@@ -365,7 +390,8 @@ class _Model:
     With too few places for all factors, only the compared one enters.
 
     Attributes:
-        parameters: rank of the model.
+        design: (G, P) its columns.
+        parameters: its rank.
     """
 
     def __init__(self, codes: Sequence[NDArray[np.int64]], compared: int, levels: int) -> None:
@@ -378,11 +404,11 @@ class _Model:
         others = [(code == np.arange(1, code.max(initial=0) + 1)[:, None]).astype(float) for code in codes]
         del others[compared]
         for columns in ([self._member, *others], [self._member]):
-            self._design = np.concatenate(columns).T
-            self._inverse = np.linalg.pinv(self._design)
+            self.design = np.concatenate(columns).T
+            self._inverse = np.linalg.pinv(self.design)
             # The trace of the projection is the rank.
-            self.parameters = round(float((self._design * self._inverse.T).sum()))
-            self._degrees = len(self._design) - self.parameters
+            self.parameters = round(float((self.design * self._inverse.T).sum()))
+            self._degrees = len(self.design) - self.parameters
             if self._degrees >= _FEWEST_DEGREES:
                 break
 
@@ -410,20 +436,20 @@ class _Model:
         """
         from scipy.special import binom
 
-        weights = np.zeros((len(before), self._design.shape[1]))
+        weights = np.zeros((len(before), self.design.shape[1]))
         t = np.arange(len(before))
         weights[t, before], weights[t, after] = -1, 1
         of_places = weights @ self._inverse
         solved = self._inverse @ figures
-        residuals = figures - self._design @ solved
+        residuals = figures - self.design @ solved
         squares = residuals**2
         count = self._member.sum(axis=1)
         estimable = (count[before] > 1) & (count[after] > 1) & (self._degrees > 0)
-        estimable &= np.abs(of_places @ self._design - weights).max(axis=1) < 1e-6
+        estimable &= np.abs(of_places @ self.design - weights).max(axis=1) < 1e-6
         common = squares.sum(axis=0) / max(self._degrees, 1)
         pooled = np.sqrt((of_places**2).sum(axis=1)[:, None] * common)
         # The other factors have used up degrees of freedom in every level alike.
-        used = (len(self._design) - np.count_nonzero(count)) / max(self._degrees, 1)
+        used = (len(self.design) - np.count_nonzero(count)) / max(self._degrees, 1)
         own = used * (self._member @ squares) / np.maximum(count * (count - 1), 1)[:, None]
         both = own[before] + own[after]
         less = np.maximum(count - 1, 1)[:, None]
@@ -460,8 +486,9 @@ def _averages(
     figures: NDArray[np.float64],
     pairs: NDArray[np.int64],
     furthest: float,
+    together: NDArray[np.bool_],
 ) -> Iterator[Contrast]:
-    """Compare the mean of (G, S) differences of the places with 0."""
+    """Yield the contrasts of `_Family._averages`; (S,) ``together`` states whether neighbouring places are alike."""
     known = np.isfinite(figures)
     places = known.sum(axis=0)
     filled = np.where(known, figures, 0.0)
@@ -488,6 +515,7 @@ def _averages(
             int(matched),
             1,
             (Figures.around(figures[known[:, k], k], furthest),),
+            bool(together[k]),
         )
 
 

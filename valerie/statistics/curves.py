@@ -12,6 +12,9 @@ The band rests on averages over all ranges of adjacent bins, with simultaneous i
 above the lower end of each average to its left and below the upper end of each average to its right (compare Dümbgen 2003,
 doi:10.3150/bj/1065444813). So the band is valid for cliffs as well as slopes and needs no smoothness. A level may rise or
 fall a little: its band is the union of both bands. The band of a free curve is that of the bins' averages.
+
+Where neighbouring places of one site are alike, apart from what the axis explains, none of these intervals hold: then there is no
+band, and no change is proven (`valerie.statistics.neighbours`).
 """
 
 from __future__ import annotations
@@ -26,7 +29,8 @@ from scipy.special import ndtr, stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.statistics.intervals import is_piled
-from valerie.statistics.observations import dense
+from valerie.statistics.neighbours import alike
+from valerie.statistics.observations import coordinates, dense
 
 #: Most bins, and the smallest effective number of places in each.
 MAX_BINS: Final = 12
@@ -76,7 +80,7 @@ class Curve:
         shape: the simplest that the data allow.
         x: `GRID` points from the smallest to the largest x.
         y: the curve there.
-        low, high: the band; with the stated confidence it holds the true curve at all x together.
+        low, high: the band; with the stated confidence it holds the true curve at all x together. Empty where places are alike.
         bins: the averages that it was fitted to.
         places, rows: numbers of places and rows.
         undefined: number of rows left out.
@@ -101,6 +105,7 @@ def fit_curve(
     seed: int,
     confidence: float = 0.95,
     choosing: NDArray[np.bool_] | None = None,
+    positions: NDArray[np.float64] | None = None,
 ) -> Curve | None:
     """Fit values over x.
 
@@ -112,6 +117,7 @@ def fit_curve(
         confidence: that the whole band holds.
         choosing: (N,) bool, rows of the places that choose the shape; curve and band are those of all other rows. None: all
             rows serve both purposes.
+        positions: (N, D) coordinates, equal within a place, where the places are listed on one site; None where they are drawn.
 
     Returns:
         The curve; None with too few places for two bins.
@@ -134,6 +140,9 @@ def fit_curve(
         return shape is Shape.FREE or not alone.leaves_out(data.averages(drawn)).any()
 
     shape = next(shape for shape in _by_simplicity(choice, seed) if stands(shape))
+    everything = data if choosing is None else _sums(x, scores, places, seed)
+    assert everything is not None, "there are no fewer rows than in a half"
+    together = _alike(everything, values, places, positions)
     band = alone if shape is Shape.FREE else _Band(data, False, confidence, seed)
     if shape is Shape.FREE:
         bin_of = np.searchsorted(data.low[1:], grid, side="right")
@@ -147,8 +156,8 @@ def fit_curve(
         shape,
         tuple(grid.tolist()),
         tuple(y.tolist()),
-        tuple(np.minimum(low, y).tolist()),
-        tuple(np.maximum(high, y).tolist()),
+        () if together else tuple(np.minimum(low, y).tolist()),
+        () if together else tuple(np.maximum(high, y).tolist()),
         data.averaged(),
         data.places,
         int(data.rows.sum()),
@@ -168,6 +177,7 @@ class Changes:
         most: largest difference between the averages of two bins that the intervals allow.
         bins: the averages.
         places: number of places.
+        alike: whether neighbouring places are alike, so that nothing is proven: both intervals are infinite.
     """
 
     difference: float
@@ -178,15 +188,22 @@ class Changes:
     most: float
     bins: CurveBins
     places: int
+    alike: bool = False
 
 
 def proven_changes(
-    x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int, confidence: float = 0.95
+    x: ArrayLike,
+    values: ArrayLike,
+    places: ArrayLike,
+    *,
+    seed: int,
+    confidence: float = 0.95,
+    positions: NDArray[np.float64] | None = None,
 ) -> Changes | None:
     """Return whether values fall and rise over x; nothing is chosen, so the same rows may answer.
 
     Args:
-        x, values, places, seed: as of `fit_curve`.
+        x, values, places, seed, positions: as of `fit_curve`.
         confidence: of the difference, and that no proven change is wrong.
 
     Returns:
@@ -195,6 +212,9 @@ def proven_changes(
     data = _sums(x, values, places, seed)
     if data is None or data.count.shape[1] < 2:
         return None
+    difference, low, high = _between_thirds(data, x, values, places, confidence)
+    if _alike(data, values, places, positions):
+        return Changes(difference, -np.inf, np.inf, False, False, np.inf, data.averaged(), data.places, True)
     ranges, alone = (_Band(data, single, confidence, seed) for single in (False, True))
     # Of all ranges that end at or before a bin, and of all that begin after it.
     low_before, high_before = (
@@ -206,13 +226,27 @@ def proven_changes(
         np.minimum.accumulate(ranges.high.min(axis=1)[::-1])[::-1][1:],
     )
     return Changes(
-        *_between_thirds(data, x, values, places, confidence),
+        difference,
+        low,
+        high,
         bool((low_before > high_after).any()),
         bool((high_before < low_after).any()),
         float(alone.high.diagonal().max() - alone.low.diagonal().min()),
         data.averaged(),
         data.places,
     )
+
+
+def _alike(data: _Sums, values: ArrayLike, places: ArrayLike, positions: NDArray[np.float64] | None) -> bool:
+    """Return True if neighbouring places have similar means, apart from any curve that is straight between the bins' centres."""
+    if positions is None:
+        return False
+    place, occurring = dense(np.asarray(places)[data.used])
+    hats = [np.interp(data.along, data.centre, knot) for knot in np.eye(len(data.centre))]
+    columns = np.asarray(values, np.float64)[data.used], *hats
+    means = np.stack([np.bincount(place, column) / np.bincount(place) for column in columns], axis=1)
+    where = coordinates(positions[data.used], place, len(occurring))
+    return bool(alike(means[:, :1], where, means[:, 1:])[0])
 
 
 def _between_thirds(
@@ -269,13 +303,16 @@ def departure(curve: Curve, by: float) -> Departure:
     The band contains the whole true curve at once, so bounds derived from it need no further correction.
 
     Args:
-        curve: from `fit_curve`.
+        curve: from `fit_curve`; without a band, neither bound is known.
         by: difference of scores, above 0.
     """
     # A band has no upper (or lower) bound before its first bin ends.
     start = min(int(np.searchsorted(curve.x, curve.bins.high[0])), len(curve.x) - 1)
-    x, y, low, high = (np.asarray(column)[start:] for column in (curve.x, curve.y, curve.low, curve.high))
+    x, y = (np.asarray(column)[start:] for column in (curve.x, curve.y))
     away = np.abs(y - y[0]) > by
+    if not curve.low:
+        return Departure(float(x[int(np.argmax(away))]) if away.any() else None, None, None)
+    low, high = (np.asarray(column)[start:] for column in (curve.low, curve.high))
     possible = (low < high[0] - by) | (high > low[0] + by)
     sure = (high < low[0] - by) | (low > high[0] + by)
 

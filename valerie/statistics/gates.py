@@ -20,7 +20,8 @@ from scipy.special import bdtr, ndtr, stdtr
 
 from valerie.errors import InvalidInput
 from valerie.statistics.intervals import MIN_UNITS
-from valerie.statistics.observations import dense
+from valerie.statistics.neighbours import alike
+from valerie.statistics.observations import coordinates, dense
 from valerie.statistics.power import places_needed
 from valerie.statistics.unseen import Figures, reach
 
@@ -30,6 +31,8 @@ _EXACT: Final = 25
 _LARGEST: Final = 0.9
 #: Drop that a slice needs enough places to show, by default: five points of pACC.
 EFFECT: Final = 0.05
+#: Most rows to name in each slice.
+_FLIPS: Final = 5
 #: Tests that share the level of a slice.
 _TESTS: Final = 3
 #: Differences below this are rounding.
@@ -44,17 +47,18 @@ class SliceComparison:
         name: of the slice.
         difference: mean over places of the mean difference of their rows.
         low, high: its 95 % interval by place, with an unseen place (`valerie.statistics.unseen`), not adjusted for other
-            slices; None from fewer than `MIN_UNITS` places.
+            slices; None from fewer than `MIN_UNITS` places, or alike ones.
         places: number of places with rows in the slice.
         pairs: number of rows.
         lost, gained: rows that passed and now fail; rows that failed and now pass.
         t_p, rank_p, flip_p: one-sided p-values of the three tests; NaN where a test has no data.
-        p_value: their combination; 1 if none has data.
+        p_value: their combination; 1 if none has data, or places are alike.
         adjusted_p: with all slices accounted for.
         worse: whether the slice is worse, at the gate's rate of false discoveries.
         flips: rows with the largest drops, largest first.
-        places_needed: places needed to detect the effect; None if no affordable number suffices or the deviation is
-            unknown.
+        places_needed: places needed to detect the effect; None if no affordable number suffices, the deviation is unknown,
+            or places are alike.
+        alike: whether neighbouring places have similar differences, so that they are no independent evidence.
     """
 
     name: str
@@ -73,6 +77,7 @@ class SliceComparison:
     worse: bool
     flips: tuple[int, ...]
     places_needed: int | None
+    alike: bool = False
 
     @property
     def too_few(self) -> bool:
@@ -113,7 +118,7 @@ def compare_versions(
     threshold: float = 0.5,
     effect: float = EFFECT,
     false_discoveries: float = 0.05,
-    flips: int = 5,
+    positions: NDArray[np.float64] | None = None,
 ) -> Gate:
     """Compare a version with its baseline on the same rows.
 
@@ -124,7 +129,7 @@ def compare_versions(
         threshold: score that a row needs to pass.
         effect: smallest drop to detect; it decides how many places are needed.
         false_discoveries: largest expected share of false ones among the slices named worse.
-        flips: most rows to name in each slice.
+        positions: (N, D) coordinates, equal within a place, where the places are listed on one site; None where they are drawn.
 
     Raises:
         InvalidInput: the lengths differ, or ``effect`` or ``false_discoveries`` is not between 0 and 1.
@@ -154,8 +159,13 @@ def compare_versions(
             signed_rank_test(differences),
             flip_test(np.bincount(place, weights=flip[rows]).astype(np.float64)),
         )
-        low, high = _interval(differences, np.concatenate([before[rows], after[rows]]))
-        furthest = rows[np.argsort(change[rows], kind="stable")[:flips]]
+        together = positions is not None and bool(
+            alike(differences[:, None], coordinates(positions[rows], place, len(occurring)), within=True)[0]
+        )
+        low, high = (
+            _interval(differences, np.concatenate([before[rows], after[rows]])) if not together else (None, None)
+        )
+        furthest = rows[np.argsort(change[rows], kind="stable")[:_FLIPS]]
         compared.append(
             SliceComparison(
                 name=name,
@@ -169,15 +179,16 @@ def compare_versions(
                 t_p=p_values[0],
                 rank_p=p_values[1],
                 flip_p=p_values[2],
-                p_value=combine(p_values),
+                p_value=1.0 if together else combine(p_values),
                 adjusted_p=1.0,
                 worse=False,
                 flips=tuple(furthest[change[furthest] < 0].tolist()),
                 places_needed=places_for_gate(
                     effect, float(differences.std(ddof=1)), len(masks), false_discoveries=false_discoveries
                 )
-                if len(differences) > 1
+                if len(differences) > 1 and not together
                 else None,
+                alike=together,
             )
         )
     adjusted = false_discovery_control([item.p_value for item in compared]).tolist() if compared else []

@@ -27,6 +27,8 @@ class Observations:
         levels: name to the (L,) codes that the caller gave, ascending.
         rows: (N,) int64, index of each row in the caller's arrays.
         undefined: rows of the caller that had no value and were left out.
+        positions: (places, D) coordinates of the places, metres, where they are listed on one site, so that neighbours may be
+            alike (`valerie.statistics.neighbours`); None where they are drawn.
     """
 
     values: NDArray[np.float64]
@@ -36,6 +38,7 @@ class Observations:
     levels: Mapping[str, NDArray[np.int64]]
     rows: NDArray[np.int64]
     undefined: int = 0
+    positions: NDArray[np.float64] | None = None
 
     def of_places(self, chosen: NDArray[np.bool_]) -> Observations:
         """Return the rows of some places.
@@ -49,16 +52,25 @@ class Observations:
             factors[name], occurring = dense(codes[rows])
             levels[name] = self.levels[name][occurring]
         place, occupied = dense(self.place[rows])
-        return Observations(self.values[rows], place, len(occupied), factors, levels, self.rows[rows])
+        positions = None if self.positions is None else self.positions[occupied]
+        return Observations(
+            self.values[rows], place, len(occupied), factors, levels, self.rows[rows], positions=positions
+        )
 
 
-def observe(values: ArrayLike, places: ArrayLike, factors: Mapping[str, ArrayLike]) -> Observations:
+def observe(
+    values: ArrayLike,
+    places: ArrayLike,
+    factors: Mapping[str, ArrayLike],
+    positions: NDArray[np.float64] | None = None,
+) -> Observations:
     """Collect the rows that have a value.
 
     Args:
         values: (N,) scores; NaN where a row has none.
         places: (N,) whole numbers, the place (or other independent unit) of each row.
         factors: name to (N,) whole numbers, the level of each row.
+        positions: (N, D) coordinates, equal within a place, as of `Observations`.
 
     Raises:
         InvalidInput: the lengths differ, or a factor has more than `MAX_LEVELS` levels.
@@ -77,7 +89,15 @@ def observe(values: ArrayLike, places: ArrayLike, factors: Mapping[str, ArrayLik
         if len(levels[name]) > MAX_LEVELS:
             raise InvalidInput("has too many levels", field=name, value=len(levels[name]), limit=MAX_LEVELS)
     place, occupied = dense(columns["places"][rows])
-    return Observations(scores[rows], place, len(occupied), codes, levels, rows, len(scores) - len(rows))
+    where = None if positions is None else coordinates(positions[rows], place, len(occupied))
+    return Observations(scores[rows], place, len(occupied), codes, levels, rows, len(scores) - len(rows), where)
+
+
+def coordinates(positions: NDArray[np.float64], place: NDArray[np.int64], places: int) -> NDArray[np.float64]:
+    """Return the (places, D) positions of the places of some rows; a coordinate that a block does not set is 0."""
+    where = np.zeros((places, positions.shape[1]))
+    where[place] = np.nan_to_num(positions)
+    return where
 
 
 def dense(codes: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -4,7 +4,9 @@ A claim names its rows and its test; the ledger computes the quantity with its i
 *not reproduced*, *undecided* (with the reason) or *not testable here*. Differences are paired within places
 (`valerie.statistics.contrasts`). No rows both choose and test: a trend is tested without choosing a shape
 (`valerie.statistics.curves.proven_changes`), and the shape of the curve whose band places a threshold (`departure`) is chosen
-by other places. The largest flip is counted over all pairs, which needs no test.
+by other places. Where neighbouring places of one site are alike (`valerie.statistics.neighbours`), these have no interval
+and the claim stays undecided, with the plain figure of the listed places. The largest flip is counted over all pairs, which
+needs no test.
 """
 
 from __future__ import annotations
@@ -253,7 +255,8 @@ def _difference(
     outcome = ClaimOutcome.REPRODUCED if held else ClaimOutcome.NOT_REPRODUCED if against else ClaimOutcome.UNDECIDED
     return replace(
         entry, outcome=outcome, finding=difference_sentence(test, contrast, low, high),
-        estimate=contrast.estimate, low=low, high=high, rows=2 * contrast.pairs, places=contrast.places,
+        estimate=contrast.estimate, low=None if contrast.alike else low, high=None if contrast.alike else high,
+        rows=2 * contrast.pairs, places=contrast.places,
     )  # fmt: skip
 
 
@@ -287,7 +290,8 @@ def _contrast(
     factor = factors[test.factor]
     before, after = _level(factor, test.second, f"{field}.second"), _level(factor, test.first, f"{field}.first")
     values = np.where(rows, table.numbers("pacc"), np.nan)
-    observations = observe(values, table.places, {name: each.codes for name, each in factors.items()})
+    codes = {name: each.codes for name, each in factors.items()}
+    observations = observe(values, table.places, codes, table.place_positions)
     # Contrasts go from the lower level to the higher one.
     changes = contrasts(
         observations, interactions=False, only=[(Change(test.factor, min(before, after), max(before, after)),)]
@@ -317,6 +321,7 @@ def _departure(
         place,
         seed=seed,
         choosing=halves(len(occurring), seed)[place],
+        positions=_positions(table, rows),
     )
     if curve is None:
         return replace(entry, finding=f"too few places for a curve over {title_of(test.over)}")
@@ -333,15 +338,20 @@ def _departure(
     else:
         outcome = ClaimOutcome.UNDECIDED
     return replace(
-        entry, outcome=outcome, finding=departure_sentence(test, left), estimate=left.estimate, low=not_before, high=at_latest,
-        rows=curve.rows, places=curve.places,
+        entry, outcome=outcome, finding=departure_sentence(test, left, alike=not curve.low),
+        estimate=left.estimate, low=not_before, high=at_latest, rows=curve.rows, places=curve.places,
     )  # fmt: skip
+
+
+def _positions(table: EvaluationTable, rows: NDArray[np.bool_]) -> NDArray[np.float64] | None:
+    return None if table.place_positions is None else table.place_positions[rows]
 
 
 def _trend(
     test: TrendTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int
 ) -> LedgerEntry:
-    changes = proven_changes(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
+    own = table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows]
+    changes = proven_changes(*own, seed=seed, positions=_positions(table, rows))
     if changes is None:
         return replace(entry, finding=f"too few places for averages over {title_of(test.over)}")
     falls, rises = changes.high < 0, changes.low > 0
@@ -357,8 +367,8 @@ def _trend(
         outcome=outcome,
         finding=trend_sentence(test, changes),
         estimate=changes.difference,
-        low=changes.low,
-        high=changes.high,
+        low=None if changes.alike else changes.low,
+        high=None if changes.alike else changes.high,
         rows=sum(changes.bins.rows),
         places=changes.places,
     )

@@ -55,12 +55,13 @@ class GroupDifference:
 
     Attributes:
         mean: mean over places of the mean difference of their persons.
-        low, high: its 95 % interval by place, not adjusted for other groups; None with fewer than six places.
+        low, high: its 95 % interval by place, not adjusted for other groups; None with fewer than six places, or alike ones.
         places: number of places.
         lost, gained: persons that only the first version detects; persons that only the later one detects.
         judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
         estimand: what the mean and its interval are over.
         places_needed: places that show a change of `valerie.statistics.gates.EFFECT`; None: unknown.
+        alike: whether neighbouring places have similar differences, so that they are no independent evidence.
     """
 
     mean: float
@@ -72,6 +73,7 @@ class GroupDifference:
     judgement: Literal["better", "worse", ""]
     estimand: Estimand
     places_needed: int | None
+    alike: bool = False
 
     @property
     def undecided(self) -> bool:
@@ -252,7 +254,13 @@ def differences_of(
 
     def gate(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[SliceComparison, ...]:
         return compare_versions(
-            one, other, first.places, masks, threshold=threshold, false_discoveries=_FALSE_DISCOVERIES
+            one,
+            other,
+            first.places,
+            masks,
+            threshold=threshold,
+            false_discoveries=_FALSE_DISCOVERIES,
+            positions=first.place_positions,
         ).slices
 
     return {
@@ -266,6 +274,7 @@ def differences_of(
             judgement="worse" if fell.worse else "better" if rose.worse else "",
             estimand=first.units.estimand,
             places_needed=fell.places_needed,
+            alike=fell.alike,
         )
         for fell, rose in zip(gate(before, after), gate(after, before), strict=True)
     }

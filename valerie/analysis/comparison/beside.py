@@ -213,7 +213,8 @@ class Beside:
                     "difference": part.difference.mean, "low": part.difference.low, "high": part.difference.high,
                     "estimand": part.difference.estimand.value,
                     "lost": part.difference.lost, "gained": part.difference.gained,
-                    "judgement": part.difference.judgement, "rank_correlation": comparison.rank_correlation,
+                    "judgement": part.difference.judgement, "alike": part.difference.alike,
+                    "rank_correlation": comparison.rank_correlation,
                     "same_outcome": comparison.fidelity.share, "kappa": comparison.fidelity.kappa,
                 }
                 for comparison in self.functions

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
-from valerie.analysis.wording import counted, for_whom, percent, points, population
+from valerie.analysis.wording import ALIKE_PLACES, counted, for_whom, percent, points, population
 from valerie.measures import measure_of
 from valerie.statistics.fidelity import Fidelity
 from valerie.statistics.gates import EFFECT
@@ -33,34 +33,39 @@ def difference_text(difference: GroupDifference) -> str:
 
 
 def span_text(difference: GroupDifference) -> str:
-    """Return the interval of a difference and what it is for, ``, 95 % [−0.2, +1.4] for …``; empty if there is none."""
+    """Return the interval of a difference and what it is for, ``, 95 % [−0.2, +1.4] for …``; or why there is none."""
+    if difference.alike:
+        return f" of these places, no interval: {ALIKE_PLACES}"
     if difference.low is None or difference.high is None:
         return ""
     ends = f"[{points(difference.low)}, {points(difference.high)}]"
     return f", 95 % {ends}{for_whom(difference.estimand)}"
 
 
-def undecided_text(undecided: Mapping[str, tuple[int, int | None]], slices: int, change: str) -> str:
-    """Return which slices are undecided, and how many places the first one needs.
+def undecided_text(undecided: Mapping[str, tuple[int, int | None, bool]], slices: int, change: str) -> str:
+    """Return which slices are undecided, and how many places the first one needs, or that its places are alike.
 
     Args:
-        undecided: name to places and needed places of each, at least one.
+        undecided: name to places, needed places, and whether they are alike, of each; at least one.
         slices: number of all slices.
         change: the change to show, such as ``a drop of 5 points``.
     """
     names = list(undecided)
     rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    places, needed = undecided[names[0]]
+    places, needed, alike = undecided[names[0]]
     need = "needs an unknown number" if needed is None else f"needs about {needed:,}"
+    why = f"has {counted(places, 'place')} and {need} to show {change}"
+    if alike:
+        why = f"is of one site, where {ALIKE_PLACES}"
     return (
         f"{len(names):,} of {counted(slices, 'slice')} {'is' if len(names) == 1 else 'are'} undecided: "
-        f"{', '.join(names[:_NAMED])}{rest}; '{names[0]}' has {counted(places, 'place')} and {need} to show {change}"
+        f"{', '.join(names[:_NAMED])}{rest}; '{names[0]}' {why}"
     )
 
 
 def undecided_groups(differences: Mapping[str, GroupDifference]) -> str:
     """Return the undecided groups of a comparison as a sentence; empty if all are decided."""
-    undecided = {name: (own.places, own.places_needed) for name, own in differences.items() if own.undecided}
+    undecided = {name: (own.places, own.places_needed, own.alike) for name, own in differences.items() if own.undecided}
     change = f"a change of {100 * EFFECT:g} points"
     return f"{undecided_text(undecided, len(differences), change)}." if undecided else ""
 

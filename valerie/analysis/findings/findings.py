@@ -82,6 +82,7 @@ class Finding:
         estimand: what the effect and its interval are over.
         places_for_size: places that would show the size of an effect without interval; None: these do, the effect is not
             shown either, or no affordable number suffices.
+        alike: whether neighbouring places are alike in what is compared, so that fresh ones of this site cannot confirm it.
     """
 
     sentence: str
@@ -101,6 +102,7 @@ class Finding:
     picture_fault: PictureFault | None = None
     spec: str = ""
     places_for_size: int | None = None
+    alike: bool = False
 
 
 @dataclass(frozen=True, slots=True)

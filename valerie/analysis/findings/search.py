@@ -23,7 +23,6 @@ from valerie.analysis.findings.wording import (
     finding_sentence,
     incomparable_sentence,
 )
-from valerie.analysis.rows.design import position_paths
 from valerie.analysis.rows.frame_counts import frame_counts, settings
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
 from valerie.analysis.rows.picture_faults import picture_faults
@@ -32,9 +31,7 @@ from valerie.runs.document.run_spec import RunSpec
 from valerie.statistics.confirmation import Confirmation, find, named
 from valerie.statistics.contrasts import Change, Contrast, Matching, contrasts, largest_flips
 from valerie.statistics.intervals import Interval, mean_interval
-from valerie.statistics.neighbours import places_alike
 from valerie.statistics.observations import Observations, observe
-from valerie.statistics.units import Estimand
 
 #: Joint confidence of all findings of a run.
 LEVEL: Final = 0.95
@@ -78,19 +75,15 @@ def find_findings(
     families = list(_families(table, precisions or {}))
     clearest: dict[tuple[str, tuple[str | Change, ...]], tuple[bool, Finding]] = {}
     comparisons = searched = confirming = 0
-    positions = _positions(table)
-    without_places: set[str] = set()
     for family in families:
         level = 1 - (1 - LEVEL) / len(families)
         observations, only = family.observations, family.only
-        alike = positions is not None and places_alike(observations, positions, seed=seed)
-        without_places |= {family.function} if alike else set()
-        result = find(observations, seed=seed, interactions=only is None, only=only, level=level, between=not alike)
+        result = find(observations, seed=seed, interactions=only is None, only=only, level=level)
         confirmed = [item for item in result.items if item.confirmed]
         others = [item for item in result.items if not item.confirmed]
         comparisons += result.comparisons
         searched, confirming = max(searched, result.places_searched), max(confirming, result.places_confirming)
-        for item in (*confirmed, *named(observations, only=only, level=level, between=not alike), *others):
+        for item in (*confirmed, *named(observations, only=only, level=level), *others):
             if not (item.confirmed or _worth_a_run(item, observations.places)):
                 continue
             # Only the clearest of several changes of the same factors is kept, but every pair of functions.
@@ -102,8 +95,7 @@ def find_findings(
         clearest.values(), key=lambda one: (not one[0], one[1].matching is Matching.MODEL, len(one[1].steps))
     )
     findings = [finding for _, finding in ordered]
-    between = {finding.function for finding in findings if finding.matching is Matching.MODEL}
-    notes = [alike_sentence(function) for function in sorted(without_places & between)]
+    notes = [alike_sentence(function) for function in sorted({one.function for one in findings if one.alike})]
     notes += _false_positives(table)
     notes += [incomparable_sentence(a, b, precisions or {}) for a, b in incomparable(table, precisions or {})]
     return Findings(
@@ -115,14 +107,6 @@ def find_findings(
         places_confirming=confirming,
         notes=tuple(notes),
     )
-
-
-def _positions(table: EvaluationTable) -> NDArray[np.float64] | None:
-    """Return the (N, D) positions that make the places of a listed grid on one site; None where places are drawn."""
-    paths = position_paths(table.parameters)
-    if table.units.estimand is not Estimand.LISTED_GRID or not paths:
-        return None
-    return np.column_stack([table.numbers(path) for path in paths])
 
 
 def _worth_a_run(item: Confirmation, places: int) -> bool:
@@ -158,13 +142,13 @@ def _families(table: EvaluationTable, precisions: Mapping[str, str]) -> Iterator
     for name in functions.names:
         of_function = np.where(functions.where(name), pacc, np.nan)
         if factors:
-            yield _Family(name, observe(of_function, table.places, codes), factors)
+            yield _Family(name, observe(of_function, table.places, codes, table.place_positions), factors)
     apart = incomparable(table, precisions)
     names = functions.names
     comparable = [(a, b) for a, b in combinations(range(len(names)), 2) if (names[a], names[b]) not in apart]
     if comparable:
         factor = factor_of(table, "function")
-        observations = observe(pacc, table.places, {**codes, "function": factor.codes})
+        observations = observe(pacc, table.places, {**codes, "function": factor.codes}, table.place_positions)
         only = tuple((Change("function", a, b),) for a, b in comparable)
         yield _Family("", observations, {**factors, "function": factor}, only)
 
@@ -200,6 +184,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
         picture_fault=_picture_fault(table, family, contrast),
         spec="" if spec is None else child_spec(table, spec, factors, contrast.changes, item.places_needed),
         places_for_size=item.places_for_size,
+        alike=item.alike,
     )
     return replace(finding, sentence=finding_sentence(finding))
 

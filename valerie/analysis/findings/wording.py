@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, Step
-from valerie.analysis.wording import for_whom, percent, population, unit_noun
+from valerie.analysis.wording import ALIKE_PLACES, for_whom, percent, population, unit_noun
 from valerie.measures import measure_of
 from valerie.statistics.contrasts import Matching
 from valerie.statistics.intervals import Interval
@@ -90,15 +90,15 @@ def searched_sentence(findings: Findings) -> str:
 
 def candidate_text(finding: Finding) -> str:
     """Return how a candidate can be settled."""
+    if finding.alike:
+        return f"{ALIKE_PLACES.capitalize()}: repeat the grid on several sites to confirm it."
     return f"To confirm an effect half as large, about {finding.places_needed:,} fresh places are needed."
 
 
 def alike_sentence(function: str) -> str:
-    """Return why differences between places are not confirmed."""
-    return (
-        f"{function}: neighbouring places score alike, so they are no independent evidence; differences between places stay "
-        "candidates. Repeat the grid on several sites to confirm them."
-    )
+    """Return why some differences stay candidates; no function: those between functions."""
+    whose = f"{function}: " if function else "Between functions: "
+    return f"{whose}in some differences, {ALIKE_PLACES}; these stay candidates. Repeat the grid on several sites to confirm them."
 
 
 def false_positives_sentence(function: str, sensor: str, interval: Interval) -> str:

@@ -63,7 +63,8 @@ def _of(trend: Trend) -> dict[str, Any]:
 def _curves(trend: Trend) -> Iterator[dict[str, Any]]:
     """Yield the points of the curve with its band, and of the polynomial if the report draws it."""
     if (curve := trend.curve) is not None:
-        for x, y, low, high in zip(curve.x, curve.y, curve.low, curve.high, strict=True):
+        none = (None,) * len(curve.x)
+        for x, y, low, high in zip(curve.x, curve.y, curve.low or none, curve.high or none, strict=True):
             yield _of(trend) | {"line": "curve", "x": x, "pacc": y, "low": low, "high": high}
     if (polynomial := trend.polynomial) is not None and not polynomial.contradicted:
         for x, y in zip(polynomial.x, polynomial.y, strict=True):

@@ -42,7 +42,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A curve with its 95 % band, or a polynomial without: x in displayed units, pACC in per cent, clipped to 0…100."""
+    """A curve with its 95 % band, if it has one, or a dashed polynomial: x in displayed units, pACC in per cent, 0…100."""
 
     character: str
     style: Style
@@ -50,6 +50,7 @@ class Line:
     y: tuple[float, ...]
     low: tuple[float, ...] = ()
     high: tuple[float, ...] = ()
+    dashed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +130,15 @@ def make_panel(table: EvaluationTable, trends: Trends, column: str, function: st
         own = trend.character, style[trend.character]
         if trend.curve is not None:
             curve = trend.curve
-            lines.append(Line(*own, _shown(curve.x, axis.scale), *map(_per_cent, (curve.y, curve.low, curve.high))))
+            y, low, high = map(_per_cent, (curve.y, curve.low, curve.high))
+            lines.append(Line(*own, _shown(curve.x, axis.scale), y, low, high))
         if trend.polynomial is not None:
             if trend.polynomial.contradicted:
                 contradicted.append(trend.character)
             else:
-                lines.append(Line(*own, _shown(trend.polynomial.x, axis.scale), _per_cent(trend.polynomial.y)))
+                lines.append(
+                    Line(*own, _shown(trend.polynomial.x, axis.scale), _per_cent(trend.polynomial.y), dashed=True)
+                )
         if trend.character == ALL or len(names) == 1:
             marks = [
                 Mark(b.x * axis.scale, b.mean * 100, f"{axis.range_text(b.low, b.high)}: n = {b.n}") for b in trend.bins

@@ -76,7 +76,7 @@ def static_figure(panel: Panel, *, image_format: Literal["png", "svg"] = "png") 
         width, color = 2.4 if line.character == ALL else 1.5, line.style.color
         if line.low:
             axes.fill_between(line.x, line.low, line.high, color=color, alpha=0.14, linewidth=0)
-        axes.plot(line.x, line.y, color=color, linewidth=width, linestyle="solid" if line.low else "dashed")
+        axes.plot(line.x, line.y, color=color, linewidth=width, linestyle="dashed" if line.dashed else "solid")
     axes.plot(
         [m.x for m in panel.marks], [m.y for m in panel.marks], "s", color=COMBINED_COLOR,
         markersize=4.5, markerfacecolor="white", markeredgewidth=1.4, zorder=5,
@@ -131,7 +131,7 @@ def _plotly_line(line: Line) -> list[JsonObject]:
         "line": {
             "color": line.style.color,
             "width": 3 if line.character == ALL else 2,
-            "dash": "solid" if line.low else "dash",
+            "dash": "dash" if line.dashed else "solid",
         },
         "hoverinfo": "skip",
     }

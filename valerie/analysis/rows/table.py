@@ -283,6 +283,14 @@ class EvaluationTable:
         keys = [self._sites, np.where(drawn, self.numbers("variant_index"), -1.0)]
         return combine([*keys, *(self.numbers(path) for path in position_paths(self.parameters))])
 
+    @cached_property
+    def place_positions(self) -> NDArray[np.float64] | None:
+        """(N, D) positions that make the places of a listed grid on one site, metres; None where places are drawn."""
+        paths = position_paths(self.parameters)
+        if self.units.estimand is not Estimand.LISTED_GRID or not paths:
+            return None
+        return np.column_stack([self.numbers(path) for path in paths])
+
     @property
     def _variants(self) -> NDArray[np.int64]:
         return self.numbers("variant_index").astype(np.int64)

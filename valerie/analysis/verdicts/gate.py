@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.pairing import frames_of_any_run, levels_of, paired_rows, row_keys, rows_taken
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.analysis.wording import counted, points
+from valerie.analysis.wording import ALIKE_PLACES, counted, points
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.plain import JsonObject
 from valerie.runs.document.differing import FREE, differing_fields
@@ -60,7 +60,7 @@ class VersionGate:
 
     @property
     def undecided(self) -> bool:
-        """True if no slice is worse, but even all rows together have too few places to show a drop."""
+        """True if no slice is worse, but even all rows together have too few places to show a drop, or alike ones."""
         return not self.gate.worse and self.gate.slices[0].too_few
 
 
@@ -298,6 +298,7 @@ def _compare(
         threshold=run.spec.detection_threshold,
         effect=effect,
         false_discoveries=false_discoveries,
+        positions=matched.place_positions,
     )
     named = reference if other is run else f"{reference} of run {other.id}"
     return VersionGate(version, named, compared, unmatched)
@@ -328,6 +329,8 @@ def slice_text(item: SliceComparison, effect: float) -> str:
     needed = item.places_needed
     if item.worse:
         return text
+    if item.alike:
+        return f"{text}; {ALIKE_PLACES}"
     if needed is None:
         return f"{text}; the number of places needed to detect a drop of {100 * effect:g} points is unknown"
     too_few = "too few: " if item.too_few else ""

@@ -142,7 +142,9 @@ def compare_sides(
     chosen = np.flatnonzero(masks[outcome])
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
     places = exploration.table.places[a]
-    (verdict,) = compare_versions(pa_, pb, places, {"all": np.ones(len(a), np.bool_)}, threshold=threshold).slices
+    everything = {"all": np.ones(len(a), np.bool_)}
+    positions = None if exploration.table.place_positions is None else exploration.table.place_positions[a]
+    (verdict,) = compare_versions(pa_, pb, places, everything, threshold=threshold, positions=positions).slices
     table, counts = exploration.table, frame_counts(exploration.table)
     first, second = (
         version_scores(table, counts, rows, np.unique(table.evaluations[rows]), threshold) for rows in (a, b)

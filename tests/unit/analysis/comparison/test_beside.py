@@ -5,6 +5,7 @@ from scipy.stats import spearmanr
 from tests.planted_tables import X, planted_table
 from valerie.analysis.claims.claims import parse_claims
 from valerie.analysis.comparison.beside import ComparedRun, put_beside
+from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 
@@ -17,7 +18,8 @@ def side(name: str, pacc: np.ndarray, scenes: list[str], **columns: object) -> C
     sun = [float(scene.partition("/")[2]) for scene in scenes]
     kept = {column: plain.arrow[column] for column in plain.arrow.column_names if column != X}
     parameters = {X: "FLOAT", "scene.sun-1.azimuth": "ANGLE"}
-    table = EvaluationTable.from_columns(kept | {X: where, "scene.sun-1.azimuth": sun}, parameters)
+    designs = {"planted": Design((("grid", len(pacc)),))}
+    table = EvaluationTable.from_columns(kept | {X: where, "scene.sun-1.azimuth": sun}, parameters, designs)
     return ComparedRun(name, name, table, np.array(scenes, dtype=object))
 
 

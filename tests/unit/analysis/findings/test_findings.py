@@ -11,6 +11,7 @@ from tests.planted_tables import planted_table
 from valerie.analysis.findings.child_specs import child_spec
 from valerie.analysis.findings.findings import Findings, PictureFault
 from valerie.analysis.findings.search import find_findings
+from valerie.analysis.findings.wording import candidate_text
 from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.summary import summarize
@@ -163,7 +164,8 @@ def test_differences_between_places_that_are_alike_stay_candidates(synthetic_tab
     withheld = [finding for finding in findings.candidates if finding.matching is Matching.MODEL]
     assert withheld
     assert all(finding.low is None for finding in withheld)
-    assert findings.notes[0].startswith("a-net: neighbouring places score alike")
+    assert candidate_text(withheld[0]).endswith("repeat the grid on several sites to confirm it.")
+    assert findings.notes[0].startswith("a-net: in some differences, neighbouring places score alike")
 
 
 def test_functions_of_different_precision_are_not_compared(run):
@@ -317,7 +319,7 @@ def test_black_pictures_among_others_carry_a_finding_only_where_less_than_half_o
     for function in ("a-net", "b-net"):
         faults = {
             frozenset(step.factor for step in item.steps): item.picture_fault
-            for item in findings.items
+            for item in (*findings.items, *findings.candidates)
             if item.function == function
         }
         # That dusk is worse in that place is a fault of the picture; that it is worse at all is not.

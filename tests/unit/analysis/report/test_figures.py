@@ -70,8 +70,17 @@ def test_curves_have_their_band_and_contradicted_polynomials_are_left_out(figure
         polynomial = trend.polynomial
         expected |= {(*group, "polynomial")} if polynomial is not None and not polynomial.contradicted else set()
     assert lines == expected
-    banded = [row for row in figures["curves"] if row["line"] == "curve"]
+    banded = [row for row in figures["curves"] if row["low"] is not None]
     assert all(row["low"] <= row["pacc"] <= row["high"] for row in banded)
+    # Where neighbouring places are alike, a curve has no band.
+    of_curves = {(*key, "curve") for key in {key[:3] for key in lines if key[3] == "curve"}}
+    without = {
+        (trend.column, trend.function, trend.character, "curve")
+        for trend in trends.items
+        if trend.curve is not None and not trend.curve.low
+    }
+    columns = "column", "function", "character", "line"
+    assert {tuple(row[name] for name in columns) for row in banded} == of_curves - without != set()
 
 
 def test_distributions_count_each_person_once_in_each_frame(figures, dropping_table):
