@@ -240,7 +240,7 @@ def proven_changes(
 
 
 def _alike(data: _Sums, values: ArrayLike, places: ArrayLike, positions: NDArray[np.float64] | None) -> bool:
-    """Return True if neighbouring places have similar means, apart from any curve that is straight between some centres of bins."""
+    """Return True if neighbouring places have similar means, apart from a curve that is straight between centres of bins."""
     if positions is None:
         return False
     place, occurring = dense(np.asarray(places)[data.used])
