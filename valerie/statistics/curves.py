@@ -35,6 +35,8 @@ from valerie.statistics.observations import coordinates, dense
 #: Most bins, and the smallest effective number of places in each.
 MAX_BINS: Final = 12
 PLACES_PER_BIN: Final = 4.0
+#: Places behind each knot of the curve that is taken from the places before their likeness is tested.
+_PLACES_PER_KNOT: Final = 10
 #: Folds of whole places.
 FOLDS: Final = 10
 #: Points at which a curve is evaluated.
@@ -238,11 +240,14 @@ def proven_changes(
 
 
 def _alike(data: _Sums, values: ArrayLike, places: ArrayLike, positions: NDArray[np.float64] | None) -> bool:
-    """Return True if neighbouring places have similar means, apart from any curve that is straight between the bins' centres."""
+    """Return True if neighbouring places have similar means, apart from a curve that is straight between centres of bins."""
     if positions is None:
         return False
     place, occurring = dense(np.asarray(places)[data.used])
-    hats = [np.interp(data.along, data.centre, knot) for knot in np.eye(len(data.centre))]
+    # With few places per knot the curve would follow the likeness that is to be seen, as along a single row of places.
+    knots = min(max(len(occurring) // _PLACES_PER_KNOT, 2), len(data.centre))
+    centres = data.centre[np.linspace(0, len(data.centre) - 1, knots).round().astype(np.int64)]
+    hats = [np.interp(data.along, centres, knot) for knot in np.eye(knots)]
     columns = np.asarray(values, np.float64)[data.used], *hats
     means = np.stack([np.bincount(place, column) / np.bincount(place) for column in columns], axis=1)
     where = coordinates(positions[data.used], place, len(occurring))
