@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 from scipy.special import ndtr
+from sklearn.ensemble import HistGradientBoostingRegressor
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from valerie.errors import InvalidInput
-from valerie.statistics import importance
-from valerie.statistics.importance import _fit, measured_importance, variance_shares
+from valerie.statistics.importance import measured_importance, variance_shares
 from valerie.statistics.observations import observe
 
 
@@ -68,11 +68,12 @@ def test_columns_that_say_the_same_hide_each_other():
 def test_trees_take_one_thread_whatever_the_machine_offers(monkeypatch):
     threads = set()
 
-    def fitted(*arguments):
-        threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "openmp")
-        return _fit(*arguments)
+    class Trees(HistGradientBoostingRegressor):
+        def fit(self, *data):
+            threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "openmp")
+            return super().fit(*data)
 
-    monkeypatch.setattr(importance, "_fit", fitted)
+    monkeypatch.setattr("sklearn.ensemble.HistGradientBoostingRegressor", Trees)
     generator = np.random.default_rng(5)
     with threadpool_limits(2, user_api="openmp"):
         measured_importance(generator.random(60), np.arange(60), {"a": generator.random(60)})
