@@ -91,10 +91,11 @@ def crossed(
     x, y, sun, character, camera = (axis.ravel() for axis in np.meshgrid(*map(np.arange, shape), indexing="ij"))
     place = x * shape[1] + y
     u = rng.random((len(x), 6))
-    of_effects = reach_m if effects else 0.0
-    u[:, :3] = _field(shape, reach_m or 0.0, 3, rng)[place]
-    u[:, 3] = _field(shape, of_effects or 0.0, shape[2], rng)[place, sun]
-    u[:, 4] = _field(shape, of_effects or 0.0, shape[3], rng)[place, character]
+    reach = reach_m or 0.0
+    of_effects = reach if effects else 0.0
+    u[:, :3] = _field(shape, reach, 3, rng)[place]
+    u[:, 3] = _field(shape, of_effects, shape[2], rng)[place, sun]
+    u[:, 4] = _field(shape, of_effects, shape[3], rng)[place, character]
     factors = {"x": x, "y": y, "sun": sun, "character": character, "camera": camera}
     positions = None if reach_m is None else np.asarray(3.0 * np.column_stack([x, y]), np.float64)
     return Rows(world(u), place, factors, positions)

@@ -78,6 +78,14 @@ def page(browser: Browser, url: str) -> Iterator[Page]:
     assert complaints == []
 
 
+def compare_runs(page: Page, *names: str) -> list[str]:
+    """Open runs side by side, and return their ids."""
+    links = [page.locator(".runs tr", has_text=name).locator("a").first.get_attribute("href") for name in names]
+    runs = [link.rsplit("/", 1)[1] for link in links]
+    page.goto(f"{page.url.split('#')[0]}#/explore?runs={','.join(runs)}&tab=compare")
+    return runs
+
+
 def open_run(page: Page, name: str) -> None:
     page.locator(".runs tr", has_text=name).locator("a").first.click()
     page.wait_for_selector("h1")
@@ -354,11 +362,7 @@ def test_which_of_two_networks_is_worse_at_dusk_is_answered_with_pictures_four_c
 
 
 def test_two_runs_are_coloured_by_run_and_their_sides_say_what_differs(page: Page) -> None:
-    runs = [
-        page.locator(".runs tr", has_text=name).locator("a").first.get_attribute("href").rsplit("/", 1)[1]
-        for name in ("finished", "lost a layer")
-    ]
-    page.goto(f"{page.url.split('#')[0]}#/explore?runs={','.join(runs)}&tab=compare")
+    runs = compare_runs(page, "finished", "lost a layer")
     page.wait_for_selector(".pair .thumbnail:not(.waiting)")
     assert page.input_value("#c") == "run_id"
     assert [page.input_value(f"#side-{side}") for side in ("before", "after")] == [
@@ -375,11 +379,7 @@ def test_two_runs_are_coloured_by_run_and_their_sides_say_what_differs(page: Pag
 
 
 def test_two_runs_match_across_a_parameter_that_each_holds(page: Page) -> None:
-    runs = [
-        page.locator(".runs tr", has_text=name).locator("a").first.get_attribute("href").rsplit("/", 1)[1]
-        for name in ("at noon", "at dusk")
-    ]
-    page.goto(f"{page.url.split('#')[0]}#/explore?runs={','.join(runs)}&tab=compare")
+    compare_runs(page, "at noon", "at dusk")
     page.wait_for_selector("text=0 persons matched")
     page.get_by_role("group", name="Match across").get_by_role("button", name="sun-1.elevation").click()
     page.wait_for_selector(".pair .thumbnail:not(.waiting)")

@@ -14,6 +14,8 @@ DASH: Final = "–"
 _NAMED: Final = 4
 #: Why there is no interval.
 ALIKE_PLACES: Final = "neighbouring places score alike, so they are no independent evidence"
+#: What stands in place of the interval.
+NO_INTERVAL: Final = f"of these places, no interval: {ALIKE_PLACES}"
 _POPULATIONS: Final = {
     Estimand.LISTED_GRID: "the listed variants",
     Estimand.DESIGN_BOX: "the space that the design draws from",

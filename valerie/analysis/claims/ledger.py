@@ -321,7 +321,7 @@ def _departure(
         place,
         seed=seed,
         choosing=halves(len(occurring), seed)[place],
-        positions=_positions(table, rows),
+        positions=table.positions_of(rows),
     )
     if curve is None:
         return replace(entry, finding=f"too few places for a curve over {title_of(test.over)}")
@@ -343,15 +343,11 @@ def _departure(
     )  # fmt: skip
 
 
-def _positions(table: EvaluationTable, rows: NDArray[np.bool_]) -> NDArray[np.float64] | None:
-    return None if table.place_positions is None else table.place_positions[rows]
-
-
 def _trend(
     test: TrendTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int
 ) -> LedgerEntry:
     own = table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows]
-    changes = proven_changes(*own, seed=seed, positions=_positions(table, rows))
+    changes = proven_changes(*own, seed=seed, positions=table.positions_of(rows))
     if changes is None:
         return replace(entry, finding=f"too few places for averages over {title_of(test.over)}")
     falls, rises = changes.high < 0, changes.low > 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from valerie.analysis.claims.claims import DepartureTest, DifferenceTest, FlipTest, QuantityTest, TrendTest
-from valerie.analysis.wording import ALIKE_PLACES, percent, points
+from valerie.analysis.wording import NO_INTERVAL, percent, points
 from valerie.measures import BY_NAME
 from valerie.statistics.contrasts import Contrast, Matching
 from valerie.statistics.curves import Changes, Departure
@@ -16,7 +16,6 @@ _MATCHINGS: Final = {
     Matching.MODEL: "between places, other factors in a linear model",
 }
 
-_ALIKE: Final = f"of these places, no interval: {ALIKE_PLACES}"
 _STATISTICS: Final = {"minimum": "smallest", "maximum": "largest"}
 
 
@@ -50,7 +49,7 @@ def quantity_sentence(test: QuantityTest, estimate: float) -> str:
 
 def difference_sentence(test: DifferenceTest, contrast: Contrast, low: float, high: float) -> str:
     """Return a difference between two levels with its interval, or why it has none."""
-    ends = _ALIKE if contrast.alike else f"{points(low)} to {points(high)}"
+    ends = NO_INTERVAL if contrast.alike else f"{points(low)} to {points(high)}"
     return (
         f"{test.factor} {test.first} less {test.second}: {points(contrast.estimate)} points "
         f"({ends}; {_MATCHINGS[contrast.matching]}, {contrast.pairs:,} pairs)"
@@ -80,7 +79,7 @@ def departure_sentence(test: DepartureTest, left: Departure, *, alike: bool) -> 
         (False, False): "95 %: anywhere or nowhere",
     }[first is not None, last is not None]
     claimed = f"{_value(test.over, test.at - test.tolerance)} to {_value(test.over, test.at + test.tolerance)}"
-    return f"{best} ({_ALIKE if alike else certain}); claimed {claimed}"
+    return f"{best} ({NO_INTERVAL if alike else certain}); claimed {claimed}"
 
 
 def trend_sentence(test: TrendTest, changes: Changes) -> str:
@@ -88,7 +87,7 @@ def trend_sentence(test: TrendTest, changes: Changes) -> str:
     shapes = {(False, False): "", (True, False): "; falls somewhere", (False, True): "; rises somewhere"}
     shape, bins = shapes.get((changes.falls, changes.rises), "; falls and rises"), changes.bins
     title = title_of(test.over)
-    ends = _ALIKE if changes.alike else f"{points(changes.low)} to {points(changes.high)}"
+    ends = NO_INTERVAL if changes.alike else f"{points(changes.low)} to {points(changes.high)}"
     first, last = (f"{percent(bins.mean[k])} % ({title} {_value(test.over, bins.centre[k])})" for k in (0, -1))
     return (
         f"pACC over {title}: the last third less the first is {points(changes.difference)} points "

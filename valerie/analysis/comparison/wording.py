@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
-from valerie.analysis.wording import ALIKE_PLACES, counted, for_whom, percent, points, population
+from valerie.analysis.wording import ALIKE_PLACES, NO_INTERVAL, counted, for_whom, percent, points, population
 from valerie.measures import measure_of
 from valerie.statistics.fidelity import Fidelity
 from valerie.statistics.gates import EFFECT
@@ -35,7 +35,7 @@ def difference_text(difference: GroupDifference) -> str:
 def span_text(difference: GroupDifference) -> str:
     """Return the interval of a difference and what it is for, ``, 95 % [−0.2, +1.4] for …``; or why there is none."""
     if difference.alike:
-        return f" of these places, no interval: {ALIKE_PLACES}"
+        return f" {NO_INTERVAL}"
     if difference.low is None or difference.high is None:
         return ""
     ends = f"[{points(difference.low)}, {points(difference.high)}]"

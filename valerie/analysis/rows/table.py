@@ -291,6 +291,10 @@ class EvaluationTable:
             return None
         return np.column_stack([self.numbers(path) for path in paths])
 
+    def positions_of(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> NDArray[np.float64] | None:
+        """Return `place_positions` of some rows."""
+        return None if self.place_positions is None else self.place_positions[rows]
+
     @property
     def _variants(self) -> NDArray[np.int64]:
         return self.numbers("variant_index").astype(np.int64)

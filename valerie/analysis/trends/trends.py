@@ -84,8 +84,8 @@ def find_trends(table: EvaluationTable, *, seed: int, threshold: float = 0.5, ax
         for group in groups(table):
             rows = rows_of(table, group)
             own = x[rows], pacc[rows], table.places[rows]
-            positions = None if table.place_positions is None else table.place_positions[rows]
-            curve, polynomial = fit_curve(*own, seed=seed, positions=positions), fit_polynomial(*own, seed=seed)
+            curve = fit_curve(*own, seed=seed, positions=table.positions_of(rows))
+            polynomial = fit_polynomial(*own, seed=seed)
             bins = bins_of(x, pacc, rows, edges=edges, threshold=threshold)
             items.append(Trend(axis.name, group.function, group.sensor, group.character, curve, polynomial, bins))
     return Trends(threshold, seed, tuple(items))

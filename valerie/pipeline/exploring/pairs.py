@@ -115,7 +115,9 @@ def compare_sides(
             known = exploration.table.codes("run_id" if kind == "run" else "function").names
             if name not in known:
                 raise UnknownName(f"{kind} of these rows", name, known, field=field)
-    held = _held(exploration.table, (before.run, after.run))
+    runs = before.run, after.run
+    # Within a run, frames match, and there is nothing to offer; reading the columns takes time.
+    held = _held(exploration.table, runs) if across or before.run != after.run else HeldParameters({}, {})
     crossed = held.paths(across, field="across")
     varied = (path for path in exploration.table.parameters if path not in crossed)
     keys = SAME_FRAME if before.run == after.run else (*SAME_MOMENT, *varied)
@@ -143,7 +145,7 @@ def compare_sides(
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
     places = exploration.table.places[a]
     everything = {"all": np.ones(len(a), np.bool_)}
-    positions = None if exploration.table.place_positions is None else exploration.table.place_positions[a]
+    positions = exploration.table.positions_of(a)
     (verdict,) = compare_versions(pa_, pb, places, everything, threshold=threshold, positions=positions).slices
     table, counts = exploration.table, frame_counts(exploration.table)
     first, second = (

@@ -106,7 +106,7 @@ class Tiles:
         height = width if crop else width * 9 // 16
         shape = _Shape(PictureKind.parse(kind), crop, width, height)
         frames = self._sources(tiles, shape)  # of this sheet, since products of a running run come meanwhile
-        boxes = self._boxes(frames) if crop else {}
+        boxes = self._boxes(frames) if crop and frames else {}
         sheet = np.full((ceil(len(tiles) / COLUMNS) * height, min(len(tiles), COLUMNS) * width, 3), _BLANK, np.uint8)
         for k, tile in enumerate(tiles):
             row, column = divmod(k, COLUMNS)
