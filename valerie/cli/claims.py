@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.gate import run_reader
-from valerie.cli.shell import AsJson, DataDir, RunId, require_format, write_output
+from valerie.cli.results import say_differing
+from valerie.cli.shell import AsJson, DataDir, RunIds, require_format, write_output
+from valerie.errors import InvalidInput
+from valerie.local.deployment import context_of
 from valerie.local.spec_files import read_spec
 from valerie.local.terminal import console
 
@@ -24,7 +27,7 @@ _FORMATS = (".csv", ".parquet", ".json", ".md")
 
 
 def claims(
-    run_id: RunId,
+    run_ids: RunIds,
     document: Annotated[Path, typer.Argument(metavar="FILE", help="Claims, such as examples/claims/paper.yaml.")],
     output: Annotated[
         Path | None,
@@ -36,17 +39,27 @@ def claims(
     ] = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Test the claims of a document on an ended run.
+    """Test the claims of a document on an ended run, or on several runs combined, such as of one grid on several sites.
 
     Every claim is answered: reproduced, not reproduced, undecided, or not
     testable here, with the quantity and its interval.
     """
     require_format(output, _FORMATS)
     from valerie.analysis.claims.ledger import write_ledger
+    from valerie.pipeline.reading.tables import read_together
 
     statements = read_claims(document)
-    run = run_reader(url, data_dir)(run_id)
-    entries = write_ledger(statements, run.table, seed=run.spec.seed)
+    if len(run_ids) == 1:
+        run = run_reader(url, data_dir)(run_ids[0])
+        table, seed = run.table, run.spec.seed
+    else:
+        if url is not None:
+            raise InvalidInput("several runs are read from the data folder", field="--url", value=url, limit="--data-dir")
+        with context_of(data_dir) as context:
+            together = read_together(context, run_ids)
+        say_differing(together.differing)
+        table, seed = together.table, together.runs[0].resolved.spec.seed
+    entries = write_ledger(statements, table, seed=seed)
     if output is not None:
         write_output(output, _content(statements, entries, output.suffix))
     show_ledger(statements, entries, as_json=as_json)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from valerie.cli.datasets import Where
-from valerie.cli.shell import AsJson, DataDir, RunId, say
+from valerie.cli.shell import AsJson, DataDir, RunId, RunIds, say
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of
 from valerie.local.terminal import console
@@ -18,14 +19,8 @@ from valerie.plain import typed
 if TYPE_CHECKING:
     from valerie.pipeline.base.context import Context
 
-Runs = Annotated[list[str], typer.Argument(metavar="RUN...", help="Ids of runs, as `valerie status` lists them.")]
 
-
-#: Places in a spec in which the runs of a sample differ: its sites or draws.
-_OF_A_SAMPLE: Final = frozenset({"asset.seed", "seed"})
-
-
-def findings(run_ids: Runs, as_json: AsJson = False, data_dir: DataDir = None) -> None:
+def findings(run_ids: RunIds, as_json: AsJson = False, data_dir: DataDir = None) -> None:
     """Show the verdicts, the table and the findings of an ended run, or of several runs combined.
 
     A grid has no confidence interval. Runs of a grid on several sites (`asset: {name: …, seed: 7}`), taken
@@ -60,19 +55,19 @@ def findings(run_ids: Runs, as_json: AsJson = False, data_dir: DataDir = None) -
 def _together(context: Context, run_ids: list[str]) -> str:
     """Return the summary and the findings of several runs, as JSON text."""
     from valerie.analysis.analyze import analyze
-    from valerie.analysis.comparison.wording import difference_of_specs
-    from valerie.pipeline.base.resolved_runs import read_run
     from valerie.pipeline.reading.tables import read_together
     from valerie.pipeline.work.finish import summary_json
-    from valerie.runs.document.differing import differing
 
-    spec, *others = [read_run(context, run_id).resolved.spec for run_id in run_ids]
-    table = read_together(context, run_ids)
-    for run_id, other in zip(run_ids[1:], others, strict=True):
-        differences = (one for one in differing(spec, other) if one.place not in _OF_A_SAMPLE)
-        if texts := [difference_of_specs(*one, own=f"in {run_ids[0]}", other=f"in {run_id}") for one in differences]:
-            say(f"No finding accounts for what differs: {'; '.join(texts)}.")
-    return summary_json(analyze(table, threshold=spec.detection_threshold, seed=spec.seed), ()).decode()
+    together = read_together(context, run_ids)
+    say_differing(together.differing)
+    spec = together.runs[0].resolved.spec
+    return summary_json(analyze(together.table, threshold=spec.detection_threshold, seed=spec.seed), ()).decode()
+
+
+def say_differing(texts: Sequence[str]) -> None:
+    """Say what else than the site or the draw differs between runs that are taken together."""
+    if texts:
+        say(f"No finding accounts for what differs: {'; '.join(texts)}.")
 
 
 def rows(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from valerie.cli.shell import (
     EndWithParent,
     Exit,
     RunId,
+    RunIds,
     Stopped,
     Url,
     require_format,
@@ -85,7 +86,7 @@ def run(
         code = _see_to_its_end(system, run, path, again, data_dir, json_lines=json_lines)
         if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             # Its report is saved already, so that a claim which does not fit the run costs no result.
-            answered = _report_with(run.id, statements, None, data_dir)
+            answered = _report_with([run.id], statements, None, data_dir)
             show_ledger(statements, answered.source.ledger, as_json=json_lines)
             save(answered.html.encode(), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
@@ -192,7 +193,7 @@ def status(
 
 
 def report(
-    run_id: RunId,
+    run_ids: RunIds,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="File to write.", show_default="reports/ next to the data folder"),
@@ -222,25 +223,25 @@ def report(
 ) -> None:
     """Write the self-contained report of an ended run to a file, and print its path. Needs no server.
 
-    With --claims, --beside or --figures, the report is rebuilt from the data folder.
-    Chromium prints it if the file is FILE.pdf.
+    Several runs, such as of one grid on several sites, get one report together. That of several runs, or with
+    --claims, --beside or --figures, is rebuilt from the data folder. Chromium prints it if the file is FILE.pdf.
     """
     from valerie.cli.claims import read_claims
     from valerie.cli.connecting import source_of
     from valerie.cli.following import report_path
     from valerie.cli.shell import save
 
+    written = len(run_ids) == 1 and (claims, beside, figures) == (None, None, None)
+    if url is not None and not written:
+        problem = "several runs, --claims, --beside and --figures read the data folder"
+        raise InvalidInput(problem, field="--url", value=url, limit="--data-dir")
     with source_of(data_dir, url) as source:
-        path = output or report_path(settings_of(data_dir), source.run(run_id).name, run_id)
-        if url is not None and (claims, beside, figures) != (None, None, None):
-            raise InvalidInput(
-                "--claims, --beside and --figures read the data folder", field="--url", value=url, limit="--data-dir"
-            )
-        if (claims, beside, figures) == (None, None, None):
-            content = source.report(run_id)
+        path = output or report_path(settings_of(data_dir), source.run(run_ids[0]).name, run_ids[0])
+        if written:
+            content = source.report(run_ids[0])
         else:
             statements = None if claims is None else read_claims(claims)
-            rebuilt = _report_with(run_id, statements, beside, data_dir)
+            rebuilt = _report_with(run_ids, statements, beside, data_dir)
             content = rebuilt.html.encode()
             if figures is not None:
                 _write_figures(rebuilt.figures, figures)
@@ -259,12 +260,14 @@ def _write_figures(tables: Mapping[str, pa.Table], folder: Path) -> None:
             write_output(folder / f"{name}.{suffix}", encoded(table, suffix))
 
 
-def _report_with(run_id: str, claims: Claims | None, beside: str | None, data_dir: Path | None) -> ReportWith:
+def _report_with(
+    run_ids: Sequence[str], claims: Claims | None, beside: str | None, data_dir: Path | None
+) -> ReportWith:
     from valerie.local.deployment import context_of
     from valerie.pipeline.reading.reports import report_with
 
     with context_of(data_dir) as context:
-        return report_with(context, run_id, claims=claims, other=_comparison(beside))
+        return report_with(context, *run_ids, claims=claims, other=_comparison(beside))
 
 
 def _comparison(beside: str | None) -> str | Beside | None:

@@ -46,6 +46,22 @@ def test_findings_of_several_runs_are_those_of_all_their_rows(
     document = json.loads(told(invoke, (tmp_path, first), "findings", first, second, "--json"))
     assert document["summary"]["frames"] == 48
     assert "mean pACC" in told(invoke, (tmp_path, first), "findings", first, second)
+    claims, page = tmp_path / "claims.yaml", tmp_path / "report.html"
+    claims.write_text(
+        "title: planted\nclaims: [{id: near, says: Near., quantity: {of: distance_m, statistic: minimum, high: 99}}]"
+    )
+    (entry,) = json.loads(told(invoke, (tmp_path, first), "claims", first, second, str(claims), "--json"))
+    assert entry["outcome"] == "reproduced"
+    told(invoke, (tmp_path, first), "report", first, second, "--claims", str(claims), "-o", str(page))
+    html = page.read_text("utf-8")
+    assert "48 frames of 2 runs" in html
+    assert f"{second} (asset box-street)" in html
+    assert "nothing but site or draw" in html
+    with pytest.raises(InvalidInput, match="several runs are compared"):
+        told(invoke, (tmp_path, first), "report", first, second, "--beside", first)
+    for command in (["claims", first, second, str(claims)], ["report", first, second]):
+        with pytest.raises(InvalidInput, match="several runs"):
+            told(invoke, (tmp_path, first), *command, "--url", "http://127.0.0.1:9")
     other = pipeline.submit(SMALL | {"constants": {"sun-1.elevation": 12}, "seed": 3})
     assert pipeline.run(other) == "completed"
     command = ["findings", first, other, "--data-dir", str(tmp_path / "data")]

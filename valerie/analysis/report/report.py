@@ -101,6 +101,7 @@ def build_report(source: ReportInput) -> str:
             summary=source.summary,
             findings=source.findings,
             name=str(source.document.get("name") or source.provenance.run_id),
+            runs=len(source.table.codes("run_id").names),
             cameras=len(source.table.codes("camera").names),
             characters=names,
             plots=plots,

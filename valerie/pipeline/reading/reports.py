@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -26,7 +26,7 @@ from valerie.db import results, runs
 from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
-from valerie.errors import Conflict, TransientError, UnknownName, ValerieError
+from valerie.errors import Conflict, InvalidInput, TransientError, UnknownName, ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import environment, software
@@ -36,13 +36,13 @@ from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.scenes import FrameCount, SceneRun, match_scenes
-from valerie.pipeline.reading.tables import read_classes, read_table
+from valerie.pipeline.reading.tables import read_classes, read_table, read_together
 from valerie.runs.document.differing import FREE, differing
 from valerie.runs.moments import duration
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
-from valerie.runs.products.states import RunState
+from valerie.runs.products.states import ProductKind, RunState
 from valerie.runs.resolving.spec import ResolvedRun
 
 log = structlog.get_logger()
@@ -56,39 +56,59 @@ _BESIDES: Final = (FREE - {"functions", "detection_threshold"}) | {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunResults:
-    """All results of a run's evaluations.
+    """All results of the evaluations of a run, or of several that are taken together.
 
     Attributes:
-        run, stored: its row, and its resolved spec.
-        cards: cards of its functions.
-        table, analysis, verdicts: the results.
+        runs, sample: rows of the runs, and their resolved specs.
+        cards: function name to its card.
+        table, analysis, verdicts: the results. Requirements are judged for one run only.
         failures: products that failed for good.
+        differing: what else than the site or the draw differs between the runs, in words.
     """
 
-    run: RunRow
-    stored: StoredRun
-    cards: tuple[FunctionCard, ...]
+    runs: tuple[RunRow, ...]
+    sample: tuple[StoredRun, ...]
+    cards: Mapping[str, FunctionCard]
     table: EvaluationTable
     analysis: Analysis
     verdicts: tuple[RequirementVerdict, ...]
     failures: Sequence[FailedLink]
+    differing: tuple[str, ...] = ()
+
+    @property
+    def run(self) -> RunRow:
+        """Row of the first run."""
+        return self.runs[0]
+
+    @property
+    def stored(self) -> StoredRun:
+        """Resolved spec of the first run."""
+        return self.sample[0]
 
 
 def read_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> RunResults:
     """Compute the results of a run whose products are all done or failed."""
     stored = resolve_stored(run, context.settings)
-    spec = stored.resolved.spec
-    cards = tuple(pinned_card(stored.pins, name) for name in spec.functions)
     table = read_table(context.engine, stored)
+    cards, analysis = _analyzed(context, (stored,), table)
+    return RunResults((run,), (stored,), cards, table, analysis, read_verdicts(context, stored, table), failures)
+
+
+def _analyzed(
+    context: Context, stored: Sequence[StoredRun], table: EvaluationTable
+) -> tuple[dict[str, FunctionCard], Analysis]:
+    """Return the cards of the functions of one or several runs, and the analysis of their rows."""
+    cards = {name: pinned_card(run.pins, name) for run in reversed(stored) for name in run.resolved.spec.functions}
+    spec = stored[0].resolved.spec
     analysis = analyze(
         table,
         classes=read_classes(context.engine, stored, cards),
-        precisions={name: card.precision for name, card in zip(spec.functions, cards, strict=True)},
+        precisions={name: card.precision for name, card in cards.items()},
         threshold=spec.detection_threshold,
         seed=spec.seed,
         spec=spec,
     )
-    return RunResults(run, stored, cards, table, analysis, read_verdicts(context, stored, table), failures)
+    return cards, analysis
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,22 +135,26 @@ def write_report(context: Context, results: RunResults) -> str:
 
 
 def report_with(
-    context: Context, run_id: str, *, claims: Claims | None = None, other: str | Beside | None = None
+    context: Context, *run_ids: str, claims: Claims | None = None, other: str | Beside | None = None
 ) -> ReportWith:
-    """Return the report of an ended run with a ledger of claims, a comparison with another run, or both.
+    """Return the report of an ended run, or of several together, with a ledger of claims, a comparison, or both.
 
     Args:
         context: context of this process.
-        run_id: id of the run.
+        run_ids: id of the run, or ids of the runs of a sample, for example of one grid on several sites.
         claims: statements to test.
         other: id of the other run, or a comparison that was made elsewhere, such as of a part of this run in Cycles.
 
     Raises:
         NotFound: no such run.
-        Conflict: it has not ended, or its asset changed.
-        InvalidInput, UnknownName: a claim names something that the run does not have, or the runs share no scene.
+        Conflict: it has not ended, its asset changed, or runs evaluated different versions of a function.
+        InvalidInput, UnknownName: a claim names something that the run does not have, or the runs share no scene;
+            several runs vary different parameters, or are to be compared with another one.
     """
-    here = _ended(context, run_id)
+    here = _ended(context, *run_ids)
+    if isinstance(other, str) and len(run_ids) > 1:
+        limit = "one run, or a comparison that was made elsewhere"
+        raise InvalidInput("several runs are compared with another one", field="--beside", value=other, limit=limit)
     beside = _compared(context, here, other, claims) if isinstance(other, str) else other
     ledger = () if claims is None else write_ledger(claims, here.table, seed=here.run.spec.seed)
     source = replace(_report_input(context, here), claims=claims, ledger=ledger, beside=beside)
@@ -165,11 +189,15 @@ def compare_runs(
     return _compared(context, _ended(context, run_id), other, claims, functions, across, progress)
 
 
-def _ended(context: Context, run_id: str) -> RunResults:
+def _ended(context: Context, *run_ids: str) -> RunResults:
     with reading(context.engine) as connection:
-        run = _ended_row(connection, run_id)
-        failures = results.failures(connection, run_id)
-    return read_results(context, run, failures)
+        rows = tuple(_ended_row(connection, run_id) for run_id in run_ids)
+        failures = [failure for run_id in run_ids for failure in results.failures(connection, run_id)]
+    if len(rows) == 1:
+        return read_results(context, rows[0], failures)
+    together = read_together(context, run_ids)
+    cards, analysis = _analyzed(context, together.runs, together.table)
+    return RunResults(rows, together.runs, cards, together.table, analysis, (), failures, together.differing)
 
 
 def _ended_row(connection: Connection, run_id: str) -> RunRow:
@@ -224,10 +252,16 @@ def _side(run: RunRow, stored: StoredRun, table: EvaluationTable, function: str 
 def _report_input(context: Context, results: RunResults) -> ReportInput:
     run, resolved, pins = results.run, results.stored.resolved, results.stored.pins
     spec = resolved.spec
+    rejected: Counter[str] = Counter()
+    spent: defaultdict[ProductKind, float] = defaultdict(float)
     with reading(context.engine) as connection:
-        rejected, now = runs.rejections(connection, run.id), database_moment(connection)
-        spent = runs.cpu_seconds(connection, run.id)
-    submitted, finished, own = run.created_at, run.finished_at or now, environment()
+        now = database_moment(connection)
+        for row in results.runs:
+            rejected.update(runs.rejections(connection, row.id))
+            for kind, seconds in runs.cpu_seconds(connection, row.id).items():
+                spent[kind] += seconds
+    submitted = min(row.created_at for row in results.runs)
+    finished, own = max(row.finished_at or now for row in results.runs), environment()
     classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
     classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
     provenance = Provenance(
@@ -239,7 +273,7 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
         renderer=_renderer(resolved, pins.engine.revision),
         resolution=(spec.resolution.width, spec.resolution.height),
         numeric_classes=classes,
-        functions=results.cards,
+        functions=tuple(results.cards.values()),
         software=software(),
         submitted=submitted,
         finished=finished,
@@ -250,6 +284,7 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
             "Report written on": f"{own.system} {own.machine}, {own.python}",
             "Parent run": run.parent_run or "none",
             "Iteration": str(run.iteration),
+            **_sample(results),
         },
     )
     return ReportInput(
@@ -260,13 +295,27 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
         trends=results.analysis.trends,
         findings=results.analysis.findings,
         verdicts=results.verdicts,
-        variants=run.variant_count,
-        frames=(run.variant_count - run.rejected_count) * len(resolved.cameras) * len(resolved.times.elapsed),
+        variants=sum(row.variant_count for row in results.runs),
+        frames=sum(
+            (row.variant_count - row.rejected_count) * len(part.resolved.cameras) * len(part.resolved.times.elapsed)
+            for row, part in zip(results.runs, results.sample, strict=True)
+        ),
         rejections=rejected,
         failures=_grouped(results.failures),
         picture=_Pictures(context),
         odd=read_odd(resolved, results.table),
     )
+
+
+def _sample(results: RunResults) -> dict[str, str]:
+    """Return the facts about runs that are taken together: title to text; none of a single run."""
+    if len(results.runs) == 1:
+        return {}
+    further = [f"{row.id} (asset {row.spec.asset})" for row in results.runs[1:]]
+    return {
+        "Taken together with": ", ".join(further),
+        "What else differs": "; ".join(results.differing) or "nothing but site or draw",
+    }
 
 
 def read_odd(resolved: ResolvedRun, table: EvaluationTable) -> OddCoverage:

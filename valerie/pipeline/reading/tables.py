@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
 from sqlalchemy import Engine
 
+from valerie.analysis.comparison.wording import difference_of_specs
 from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses, all_classes
@@ -25,6 +27,7 @@ from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
+from valerie.runs.document.differing import differing
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import is_generated
@@ -33,6 +36,23 @@ from valerie.storage import codecs
 
 #: Columns of a person that are empty if the frame has no person.
 _PIXELS: Final = ("pixel_area", "pixel_area_percent", "pixel_area_amodal")
+#: Places in a spec in which the runs of a sample differ: its sites or draws.
+_OF_A_SAMPLE: Final = frozenset({"asset.seed", "seed"})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunsTogether:
+    """Several runs of the same functions as one sample, for example of one grid on several sites.
+
+    Attributes:
+        runs: the runs.
+        table: their rows.
+        differing: what else than the site or the draw differs between the first run and another, in words.
+    """
+
+    runs: tuple[StoredRun, ...]
+    table: EvaluationTable
+    differing: tuple[str, ...]
 
 
 def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
@@ -82,8 +102,8 @@ def _table_columns(
     return columns | {path: [assignments[variant].get(path) for variant in variants] for path in varied}
 
 
-def read_together(context: Context, run_ids: Sequence[str]) -> EvaluationTable:
-    """Read the long table of several runs of the same functions, for example of one grid on several sites.
+def read_together(context: Context, run_ids: Sequence[str]) -> RunsTogether:
+    """Read several runs as one sample.
 
     Raises:
         NotFound: no such run.
@@ -92,42 +112,49 @@ def read_together(context: Context, run_ids: Sequence[str]) -> EvaluationTable:
     """
     if len(set(run_ids)) < len(run_ids):
         raise InvalidInput("name each run once", field="RUN", value=list(run_ids))
-    stored = [read_run(context, run_id) for run_id in run_ids]
+    stored = tuple(read_run(context, run_id) for run_id in run_ids)
     versions: dict[str, str] = {}
     for run in stored:
         for name, pin in run.pins.functions.items():
             if versions.setdefault(name, pin.digest) != pin.digest:
                 raise Conflict(f"run {run.id} evaluated another version of {name} than the runs before it")
-    return EvaluationTable.joined([read_table(context.engine, run) for run in stored])
+    first, *others = stored
+    differences = (
+        difference_of_specs(*one, own=f"in {first.id}", other=f"in {other.id}")
+        for other in others
+        for one in differing(first.resolved.spec, other.resolved.spec)
+        if one.place not in _OF_A_SAMPLE
+    )
+    return RunsTogether(
+        stored, EvaluationTable.joined([read_table(context.engine, run) for run in stored]), tuple(differences)
+    )
 
 
-def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) -> tuple[AllClasses, ...]:
+def read_classes(engine: Engine, runs: Sequence[StoredRun], cards: Mapping[str, FunctionCard]) -> tuple[AllClasses, ...]:
     """Read the scores over all classes of all evaluations so far.
 
     Args:
         engine: database.
-        run: the run.
-        cards: cards of its functions, in the spec's order; they state the classes that each function is judged by.
+        runs: the runs whose evaluations are taken together.
+        cards: function name to its card, which states the classes that the function is judged by.
 
     Returns:
         One entry per function and sensor setting, functions first, as in the table.
     """
-    totals: dict[tuple[int, int], ConfusionMatrix] = defaultdict(lambda: np.zeros(SHAPE, np.int64))
-    mious: dict[tuple[int, int], list[float | None]] = defaultdict(list)
+    totals: dict[tuple[str, str], ConfusionMatrix] = defaultdict(lambda: np.zeros(SHAPE, np.int64))
+    mious: dict[tuple[str, str], list[float | None]] = defaultdict(list)
     with reading(engine) as connection:
-        for sensor, function, packed, miou in results.confusions(connection, run.id):
-            totals[function, sensor] += codecs.decode_counts(packed)
-            mious[function, sensor].append(miou)
-    functions, sensors = run.resolved.spec.functions, run.resolved.spec.sensors
+        for run in runs:
+            names, sensors = run.resolved.spec.functions, [sensor.name for sensor in run.resolved.spec.sensors]
+            for sensor, function, packed, miou in results.confusions(connection, run.id):
+                totals[names[function], sensors[sensor]] += codecs.decode_counts(packed)
+                mious[names[function], sensors[sensor]].append(miou)
+    specs = [run.resolved.spec for run in runs]
+    settings = dict.fromkeys((name, sensor.name) for spec in specs for name in spec.functions for sensor in spec.sensors)
     return tuple(
-        all_classes(
-            functions[function],
-            sensors[sensor].name,
-            total,
-            frame_mean(mious[function, sensor]),
-            cards[function].judged_by,
-        )
-        for (function, sensor), total in sorted(totals.items(), key=lambda item: item[0])
+        all_classes(name, sensor, totals[name, sensor], frame_mean(mious[name, sensor]), cards[name].judged_by)
+        for name, sensor in settings
+        if (name, sensor) in totals
     )
 
 

@@ -25,8 +25,8 @@ def test_all_classes_are_those_of_the_stored_pictures_and_stand_in_the_summary(t
     with reading(context.engine) as connection:
         rows = [table_row(row, run, varied) for row in long_table.rows(connection, run_id)]
     assert read_table(context.engine, run).arrow.equals(EvaluationTable.from_rows(rows, varied).arrow)
-    cards = [pinned_card(run.pins, name) for name in run.resolved.spec.functions]
-    (classes,) = read_classes(context.engine, run, cards)
+    cards = {name: pinned_card(run.pins, name) for name in run.resolved.spec.functions}
+    (classes,) = read_classes(context.engine, [run], cards)
 
     summary = orjson.loads(context.store.get(run_key(run_id, "summary.json")))["summary"]
     assert summary["classes"] == [orjson.loads(orjson.dumps(classes))]
