@@ -40,8 +40,12 @@ paper-small: setup ## Run a small part of the paper's experiment and test the pa
 	@exec $(VENV)/bin/valerie run examples/paper-small.yaml --claims examples/claims/paper.yaml --end-with-parent
 
 .PHONY: paper-part
-paper-part: setup ## Run two of the eight headings of the paper's experiment (an hour) and renew docs/experiment/
+paper-part: setup ## Run two of the eight headings of the paper's experiment at full size (hours) and renew docs/experiment/
 	@exec $(PYTHON_BIN) -m tools.paper part
+
+.PHONY: paper-streets
+paper-streets: setup ## Repeat a part on ten streets (2 to 4 CPU hours) and renew docs/experiment/
+	@exec $(PYTHON_BIN) -m tools.paper streets
 
 .PHONY: paper-light
 paper-light: setup ## Run a part with the light on each person (10 CPU minutes) and renew docs/experiment/

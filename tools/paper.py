@@ -1,7 +1,7 @@
 """Run a part of the paper's experiment and keep its results in ``docs/experiment/``.
 
-``make paper-part``, ``make paper-light`` and ``make paper-cycles`` call this. What stays the same is not made again, so an
-interrupted command goes on where it stopped.
+``make paper-part``, ``paper-streets``, ``paper-light`` and ``paper-cycles`` call this. What stays the same is not made again,
+so an interrupted command goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -37,22 +37,37 @@ ROOT: Final = Path(__file__).parents[1]
 KEPT: Final = ROOT / "docs" / "experiment"
 CLAIMS: Final = str(ROOT / "examples" / "claims" / "paper.yaml")
 SPECS: Final = ROOT / "examples"
+#: Site seeds; no shipped network is trained on these sites.
+_STREETS: Final = range(10)
 #: Reports, and specs that are made here.
 MADE: Final = ROOT / "var"
 
 
 def keep_part() -> None:
-    """Run two of eight headings; keep the rows and the report, with the kept comparison of engines on its first page."""
-    page = MADE / "paper-part.html"
-    run = _run(SPECS / "paper-part.yaml", page)
-    _keep_rows(run, "paper-part")
-    _valerie("report", run, "--claims", CLAIMS, "--beside", str(KEPT / "paper-cycles.json"), "-o", str(page))
-    (KEPT / "paper-part.html.xz").write_bytes(lzma.compress(page.read_bytes(), preset=9))
+    """Run two of eight headings at full size; keep the rows. The report stays in ``var/``."""
+    _keep_rows(_run(SPECS / "paper-part.yaml"), "paper-part")
+
+
+def keep_streets() -> None:
+    """Repeat a part on ten streets; keep all rows and one report, with the kept comparison of engines on its first page."""
+    runs = [
+        _run(_made("paper-streets", f"paper-streets-{seed}", asset={"name": "urban-street", "seed": seed}))
+        for seed in _STREETS
+    ]
+    tables = []
+    for run in runs:
+        rows = MADE / f"{run}.parquet"
+        _valerie("rows", run, "-o", str(rows))
+        tables.append(EvaluationTable.from_parquet(rows))
+    EvaluationTable.joined(tables).to_parquet(KEPT / "paper-streets.parquet")
+    page = MADE / "paper-streets.html"
+    _valerie("report", *runs, "--claims", CLAIMS, "--beside", str(KEPT / "paper-cycles.json"), "-o", str(page))
+    (KEPT / "paper-streets.html.xz").write_bytes(lzma.compress(page.read_bytes(), preset=9))
 
 
 def keep_light() -> None:
     """Run a part with the light on each person; keep the rows and pACC over light as a picture. The report stays in ``var/``."""
-    _keep_rows(_run(SPECS / "paper-light.yaml", MADE / "paper-light.html"), "paper-light")
+    _keep_rows(_run(SPECS / "paper-light.yaml"), "paper-light")
     draw_light(KEPT / "paper-light.parquet", ROOT / "docs" / "images" / "paper-light.png")
 
 
@@ -73,12 +88,9 @@ def draw_light(rows: Path, picture: Path) -> None:
 
 def keep_cycles() -> None:
     """Run a part by both engines; keep the rows of both, and what holds in both. The report stays in ``var/``."""
-    spec = yaml.safe_load((SPECS / "paper-cycles.yaml").read_text())
-    raster_spec = MADE / "paper-cycles-raster.yaml"
-    MADE.mkdir(exist_ok=True)
-    raster_spec.write_text(yaml.safe_dump({**spec, "name": raster_spec.stem, "renderer": "raster"}, sort_keys=False))
-    raster = _run(raster_spec, MADE / "paper-cycles-raster.html")
-    cycles = _run(SPECS / "paper-cycles.yaml", MADE / "paper-cycles.html")
+    raster_spec = _made("paper-cycles", "paper-cycles-raster", renderer="raster")
+    raster = _run(raster_spec)
+    cycles = _run(SPECS / "paper-cycles.yaml")
     _keep_rows(raster, "paper-cycles-raster")
     _keep_rows(cycles, "paper-cycles")
     (KEPT / "paper-cycles.json").write_text(json.dumps(compare_kept().to_json(), ensure_ascii=False))
@@ -105,8 +117,18 @@ def compare_kept() -> Beside:
     )
 
 
-def _run(spec: Path, page: Path) -> str:
-    """Run a spec with the paper's claims, write its report to ``page``, and return the run's id."""
+def _made(example: str, name: str, **fields: object) -> Path:
+    """Write an example's spec with another name and other fields, and return its path."""
+    MADE.mkdir(exist_ok=True)
+    spec = yaml.safe_load((SPECS / f"{example}.yaml").read_text())
+    path = MADE / f"{name}.yaml"
+    path.write_text(yaml.safe_dump({**spec, "name": name, **fields}, sort_keys=False))
+    return path
+
+
+def _run(spec: Path) -> str:
+    """Run a spec with the paper's claims, write its report to ``var/``, and return the run's id."""
+    page = MADE / f"{spec.stem}.html"
     command = (*_VALERIE, "run", str(spec), "--claims", CLAIMS, "--report", str(page), "--json")
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -130,7 +152,7 @@ def _valerie(*words: str) -> None:
 
 
 _VALERIE: Final = (sys.executable, "-m", "valerie")
-_PARTS: Final = {"part": keep_part, "light": keep_light, "cycles": keep_cycles}
+_PARTS: Final = {"part": keep_part, "streets": keep_streets, "light": keep_light, "cycles": keep_cycles}
 
 if __name__ == "__main__":
     _PARTS[sys.argv[1]]()

@@ -6,7 +6,8 @@ doi:10.1016/j.envsoft.2006.10.004), is compared with the largest one.
 
 The remaining parameters get Sobol' indices. A *block* is a row of two independent Sobol' points A and B, and of A with one
 parameter after another from B. The parameters that were screened out form one more group, which shows whether the screening
-was right. The shares of variance are those of Saltelli and others (2010, doi:10.1016/j.cpc.2009.09.018) for each parameter
+was right: if its total share of the first `FEWEST` whole blocks exceeds `READMITTED`, new blocks begin with all parameters. The
+shares of variance are those of Saltelli and others (2010, doi:10.1016/j.cpc.2009.09.018) for each parameter
 alone, and of Jansen (1999, doi:10.1016/S0010-4655(98)00154-4) for it with all its interactions.
 
 The *Shapley effect* of a parameter is its share where each interaction is divided evenly among those that take part; these
@@ -41,6 +42,8 @@ TRAJECTORIES: Final = 10
 NEGLIGIBLE: Final = 0.1
 #: Fewest whole blocks for indices.
 FEWEST: Final = 32
+#: Total share of all that was screened out together, above which it is readmitted.
+READMITTED: Final = 0.05
 #: Largest share of broken blocks.
 BROKEN: Final = 0.2
 #: Share of blocks with illegal points at which no more are asked for: the indices would be refused in the end.
@@ -91,8 +94,8 @@ class Ranking(Result):
     Attributes:
         effects: largest first.
         screened_out: negligible dimensions.
-        blocks: number of whole blocks.
-        broken: number of blocks that lack a score.
+        blocks: number of whole blocks, without those before a readmission.
+        broken: number of these that lack a score.
         refused: whether too many are broken for indices.
         evaluations: number of all points.
     """
@@ -134,6 +137,10 @@ class Rank:
             self._left.extend((walk, place, point) for place, point in enumerate(points))
         #: (groups, dimensions) parameters that move together; None during the screening.
         self._groups: NDArray[np.bool_] | None = None
+        self._screened = np.zeros(domain.dimensions, np.bool_)
+        #: The first block of these groups.
+        self._first = 0
+        self._checked = False
         self._scores: list[Floats] = []
         self._told: list[int] = []
         self._illegal = 0
@@ -146,10 +153,11 @@ class Rank:
         no_points = np.empty((0, self.domain.dimensions))
         if self._groups is None and not self._left:
             return self._open.add(no_points, Reason(Why.SCREENING_SCORES))
-        while self._groups is not None and (len(self._left) < count or len(self._scores) < FEWEST):
+        while self._groups is not None and (len(self._left) < count or len(self._scores) - self._first < FEWEST):
             self._add_block(self._groups)
-            if len(self._scores) >= FEWEST and self._illegal > HOPELESS * len(self._scores):
-                legality = {"illegal": self._illegal, "drawn": len(self._scores)}
+            drawn = len(self._scores) - self._first
+            if drawn >= FEWEST and self._illegal > HOPELESS * drawn:
+                legality = {"illegal": self._illegal, "drawn": drawn}
                 return self._open.add(no_points, Reason(Why.ILLEGAL_BLOCKS, legality))
         chosen = [self._left.popleft() for _ in range(min(count, len(self._left)))]
         self._rows.append([(block, place) for block, place, _ in chosen])
@@ -158,9 +166,8 @@ class Rank:
             numbers |= {"walks": TRAJECTORIES, "scored": self._evaluations}
             reason = Reason(Why.SCREENING, numbers)
         else:
-            ended = (told == len(scores) for told, scores in zip(self._told, self._scores, strict=True))
-            numbers |= {"blocks": sum(ended) - self._illegal, "fewest": FEWEST}
-            numbers["screened"] = int(np.count_nonzero(_negligible(self._elementary())))
+            numbers |= {"blocks": len(self._ended()) - self._illegal, "fewest": FEWEST}
+            numbers["screened"] = int(np.count_nonzero(self._screened))
             reason = Reason(Why.BLOCKS, numbers)
         return self._open.add(np.array([point for _, _, point in chosen]).reshape(-1, self.domain.dimensions), reason)
 
@@ -179,8 +186,13 @@ class Rank:
             else:
                 self._scores[block][place] = value
                 self._told[block] += 1
-        if self._groups is None and not self._walks_left:
-            self._groups = self._kept_groups()
+        if self._groups is None:
+            if not self._walks_left:
+                # A parameter without any score is unknown, not negligible.
+                self._screened = _negligible(self._elementary())
+                self._groups = self._kept_groups()
+        elif self._screened.any() and not self._checked:
+            self._readmit(self._intact())
 
     def _screening(self) -> tuple[Floats, NDArray[np.int64]]:
         """Return walks (walks, dimensions + 1, dimensions), and the parameter of each jump (walks, dimensions)."""
@@ -210,9 +222,30 @@ class Rank:
                 sizes[dimension] = of_it.mean()
         return sizes
 
+    def _ended(self) -> list[int]:
+        """Return the blocks of the current groups that have all answers."""
+        return [block for block in range(self._first, len(self._told)) if self._told[block] == len(self._scores[block])]
+
+    def _intact(self) -> list[int]:
+        return [block for block in self._ended() if not np.isnan(self._scores[block]).any()]
+
+    def _readmit(self, blocks: list[int]) -> None:
+        """Check once whether the screening was right; if it was not, begin again with each parameter for itself."""
+        if len(blocks) < FEWEST:
+            return
+        self._checked = True
+        _, total, _ = indices(np.array([self._scores[b] for b in blocks]), np.array([self._paths[b] for b in blocks]))
+        if not total[-1] > READMITTED:  # NaN without variance
+            return
+        alone = np.count_nonzero(self._screened) == 1
+        self._screened[:] = False
+        if not alone:  # else its blocks are those of a parameter
+            self._groups = self._kept_groups()
+            self._first, self._illegal = len(self._scores), 0
+            self._left.clear()
+
     def _kept_groups(self) -> NDArray[np.bool_]:
-        # A parameter without any score is unknown, not negligible.
-        kept = ~_negligible(self._elementary())
+        kept = ~self._screened
         groups = np.eye(self.domain.dimensions, dtype=np.bool_)[kept]
         return groups if kept.all() else np.concatenate([groups, ~kept[None]])
 
@@ -238,10 +271,9 @@ class Rank:
         """The ranking so far; None during the screening."""
         if self._groups is None:
             return None
-        ended = [block for block, told in enumerate(self._told) if told == len(self._scores[block])]
-        intact = [block for block in ended if not np.isnan(self._scores[block]).any()]
-        broken = len(ended) - len(intact)
-        refused = broken > BROKEN * max(len(ended), 1)
+        ended, intact = len(self._ended()), self._intact()
+        broken = ended - len(intact)
+        refused = broken > BROKEN * max(ended, 1)
         sizes = self._elementary()
         effects = []
         for place, (alone, total, shapley) in enumerate(self._shares(intact, refused=refused)):
@@ -256,7 +288,7 @@ class Rank:
                 )
             )
         effects.sort(key=lambda effect: -effect.size)
-        screened = np.flatnonzero(_negligible(sizes))
+        screened = np.flatnonzero(self._screened)
         if len(screened) == 1:  # a group of one looks like a parameter that was kept
             effects = [replace(e, dimension=None) if e.dimension == screened[0] else e for e in effects]
         return Ranking(

@@ -43,6 +43,27 @@ def test_intervals_hold_the_planted_shares_and_what_does_nothing_is_screened_out
             assert share.low - 0.02 <= true <= share.high + 0.02
 
 
+@pytest.mark.parametrize("others", [(3,), (3, 4)])
+def test_what_the_screening_missed_is_readmitted(others: tuple[int, ...]) -> None:
+    def score(points: Points) -> Points:
+        """The others matter only in a corner that no walk of the screening enters."""
+        corner = (points[:, 1] > 0.9) & (points[:, 2] > 0.55)
+        return 0.3 * points[:, 0] + 0.05 * points[:, 1:3].sum(axis=1) + corner * (points[:, others] > 0.5).sum(axis=1)
+
+    strategy = Rank(Cube(3 + len(others)), seed=1)
+    pursue(strategy, score, budget=70, batch=70)
+    assert strategy.result is not None
+    assert strategy.result.screened_out == others
+    pursue(strategy, score, budget=2800, batch=70)
+    assert strategy.result.screened_out == ()
+    found = {effect.dimension: effect.total for effect in strategy.result.effects}
+    for dimension in others:
+        total = found[dimension]
+        assert total is not None
+        assert total.low > 0.02
+    assert strategy.result.blocks >= 200
+
+
 def test_shapley_effects_are_those_of_all_orders() -> None:
     """Against the definition: the growth of the explained variance, over all orders of three independent parameters."""
 
