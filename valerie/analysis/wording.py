@@ -64,6 +64,11 @@ def unit_noun(estimand: Estimand) -> str:
     return "sites" if estimand is Estimand.SITES else "variants"
 
 
+def place_noun(estimand: Estimand) -> str:
+    """Return the name of the places whose differences are compared, in the plural."""
+    return "sites" if estimand is Estimand.SITES else "places"
+
+
 def population(estimand: Estimand) -> str:
     """Return the population of a mean."""
     return _POPULATIONS[estimand]

@@ -53,7 +53,7 @@ InferenceThreads = Annotated[
     typer.Option("--threads", min=1, help="CPU threads of the inference engine.", show_default="the same as workers"),
 ]
 RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run, as `valerie status` lists it.")]
-RunIds = Annotated[list[str], typer.Argument(metavar="RUN...", help="Ids of runs, as `valerie status` lists them.")]
+RunIds = Annotated[list[str], typer.Argument(metavar="RUN", help="Ids of runs, as `valerie status` lists them.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 EndWithParent = Annotated[bool, typer.Option("--end-with-parent", hidden=True)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, Step
-from valerie.analysis.wording import ALIKE_PLACES, for_whom, percent, population, unit_noun
+from valerie.analysis.wording import ALIKE_PLACES, for_whom, percent, place_noun, population, unit_noun
 from valerie.measures import measure_of
 from valerie.statistics.contrasts import Matching
 from valerie.statistics.intervals import Interval
@@ -31,7 +31,7 @@ def finding_sentence(finding: Finding) -> str:
         text += ", between different places"
     elif finding.function:
         text += ", all else equal"
-    counted = [f"{finding.places:,} places"]
+    counted = [f"{finding.places:,} {place_noun(finding.estimand)}"]
     counted += [f"{finding.pairs:,} pair{'s' if finding.pairs > 1 else ''}"] if finding.pairs else []
     if finding.low is not None and finding.high is not None:
         # The better function is named first, so the interval takes its sign.
@@ -46,7 +46,7 @@ def _size_sentence(finding: Finding) -> str:
     """Return how many places would show the size of an effect; empty if these do."""
     if finding.places_for_size is None:
         return ""
-    enough = f"about {finding.places_for_size:,} places would."
+    enough = f"about {finding.places_for_size:,} {place_noun(finding.estimand)} would."
     if not finding.confirmed:
         return f" They do not show its size; {enough}"
     higher = "higher" if finding.effect > 0 or not finding.function else "lower"
@@ -80,9 +80,11 @@ def searched_sentence(findings: Findings) -> str:
     """Return how the findings were searched, and whether any is confirmed."""
     if not findings.comparisons:
         return "Nothing to compare: vary a parameter, or name several functions."
-    looked = f"{findings.comparisons:,} comparisons searched in {findings.places_searched:,} places"
+    found = (*findings.items, *findings.candidates)
+    places = place_noun(found[0].estimand) if found else "places"
+    looked = f"{findings.comparisons:,} comparisons searched in {findings.places_searched:,} {places}"
     if not findings.places_confirming:
-        return f"{looked}, too few to confirm anything: 10 places are needed."
+        return f"{looked}, too few to confirm anything: 10 {places} are needed."
     sure = f"with {100 * findings.level:g} % confidence for all together"
     none = "" if findings.items else "; none is confirmed"
     return f"{looked}, judged in {findings.places_confirming:,} others {sure}{none}."
@@ -92,7 +94,8 @@ def candidate_text(finding: Finding) -> str:
     """Return how a candidate can be settled."""
     if finding.alike:
         return f"{ALIKE_PLACES.capitalize()}: repeat the grid on several sites to confirm it."
-    return f"To confirm an effect half as large, about {finding.places_needed:,} fresh places are needed."
+    places = place_noun(finding.estimand)
+    return f"To confirm an effect half as large, about {finding.places_needed:,} fresh {places} are needed."
 
 
 def alike_sentence(function: str) -> str:
