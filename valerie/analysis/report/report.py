@@ -118,7 +118,7 @@ def build_report(source: ReportInput) -> str:
             flips=list(_flips(source, source.beside)),
             limits=limits(source.summary, source.findings),
             register=register(source.findings),
-            certainty=certainty_sentences(source.summary.rows),
+            certainty=certainty_sentences(source.summary),
             parameters=level_means(source.table),
             pair=strongest_pair(source.table),
             explanations=source.explained,

@@ -284,6 +284,15 @@ class EvaluationTable:
         return combine([*keys, *(self.numbers(path) for path in position_paths(self.parameters))])
 
     @cached_property
+    def blocks(self) -> NDArray[np.int64]:
+        """(N,) int64 number of the block of each row, from 0; runs with equal blocks share them."""
+        numbers, firsts = np.zeros(len(self), np.int64), dict[tuple[tuple[str, int], ...], int]()
+        for design, rows in self._by_run:
+            first = firsts.setdefault(design.blocks, sum(map(len, firsts)))
+            numbers[rows] = first + design.blocks_of(self._variants[rows])
+        return numbers
+
+    @cached_property
     def place_positions(self) -> NDArray[np.float64] | None:
         """(N, D) positions that make the places of a listed grid on one site, metres; None where places are drawn."""
         paths = position_paths(self.parameters)
