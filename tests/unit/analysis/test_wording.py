@@ -55,7 +55,8 @@ def test_a_finding_between_places_says_so_and_names_what_else_differs() -> None:
 
 def test_an_effect_without_interval_says_how_many_places_would_show_its_size() -> None:
     assert finding_sentence(finding(-0.2, SUN, places_for_size=1234)).endswith(
-        "(6 places, 36 pairs). They show that it is lower, not by how much; about 1,234 places would."
+        "(6 places, 36 pairs). They show that it is lower, not by how much (those that "
+        "suggested it do not count); about 1,234 places would."
     )
     assert finding_sentence(finding(-0.2, SUN, places_for_size=1234, confirmed=False)).endswith(
         "(6 places, 36 pairs). They do not show its size; about 1,234 places would."

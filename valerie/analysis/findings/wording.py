@@ -50,7 +50,7 @@ def _size_sentence(finding: Finding) -> str:
     if not finding.confirmed:
         return f" They do not show its size; {enough}"
     higher = "higher" if finding.effect > 0 or not finding.function else "lower"
-    return f" They show that it is {higher}, not by how much; {enough}"
+    return f" They show that it is {higher}, not by how much (those that suggested it do not count); {enough}"
 
 
 def picture_fault_sentence(fault: PictureFault) -> str:
