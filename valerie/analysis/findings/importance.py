@@ -70,7 +70,9 @@ def explanations(table: EvaluationTable, *, seed: int = 0) -> tuple[Explanation,
         ]
         columns = {column: table.numbers(column)[rows] for column in MEASURED}
         complete = {column: values for column, values in columns.items() if np.isfinite(values).all()}
-        measured = measured_importance(pacc[rows], table.places[rows], complete, seed=seed)
+        measured = measured_importance(
+            pacc[rows], table.places[rows], complete, seed=seed, positions=table.positions_of(rows)
+        )
         results.append(Explanation(name, tuple(shares), measured))
     return tuple(results)
 

@@ -134,6 +134,10 @@ def test_mlcroissant_accepts_the_description_and_reads_the_records(run: tuple[Pi
         records = list(described.records(name))
         assert len(records) == table.num_rows
         assert list(records[0]) == [f"{name}/{column}" for column in table.column_names]
+    document = json.loads((folder / "croissant.json").read_text())
+    del document["distribution"][0]["contentUrl"]
+    with pytest.raises(mlcroissant.ValidationError, match="contentUrl"):
+        mlcroissant.Dataset(jsonld=document)
 
 
 def test_croissant_uses_only_terms_that_its_context_defines(run: tuple[Pipeline, str], tmp_path: Path) -> None:
