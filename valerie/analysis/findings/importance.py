@@ -38,7 +38,7 @@ class Explanation:
 
     Attributes:
         function: its name.
-        blocks: shares of the variance, for the factors that each block set.
+        blocks: shares of the variance, for the factors that each block set; of many blocks the largest.
         measured: importance of measured columns, smallest p-value first; empty if there are too few places.
     """
 
@@ -57,16 +57,14 @@ def explanations(table: EvaluationTable, *, seed: int = 0) -> tuple[Explanation,
         seed: of folds and permutations.
     """
     pacc, functions = table.numbers("pacc"), table.codes("function")
-    numbers = np.unique(table.blocks).tolist()
-    blocks = [table] if len(numbers) == 1 else [table.select(table.blocks == number) for number in numbers]
+    blocks = table.by_block()
     results = []
     for name in functions.names:
         rows = functions.where(name) & np.isfinite(pacc)
         if not rows.any():
             continue
         shares = [
-            BlockShares(number + 1 if len(numbers) > 1 else None, _shares(block, name))
-            for number, block in zip(numbers, blocks, strict=True)
+            BlockShares(number if len(blocks) > 1 else None, _shares(block, name)) for number, block in blocks.items()
         ]
         columns = {column: table.numbers(column)[rows] for column in MEASURED}
         complete = {column: values for column, values in columns.items() if np.isfinite(values).all()}

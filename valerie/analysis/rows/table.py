@@ -36,6 +36,8 @@ PARAMETER_COLUMNS: Final[Mapping[str, pa.DataType]] = {
     "BOOL": pa.bool_(),
     "CATEGORICAL": _NAME,
 }
+#: Blocks of which results are shown one by one; a run may have thousands.
+MOST_BLOCKS: Final = 8
 _METADATA_KEY: Final = b"valerie.evaluations"
 _BATCH: Final = 65_536
 
@@ -235,6 +237,14 @@ class EvaluationTable:
     def select(self, mask: NDArray[np.bool_]) -> Self:
         """Return the rows where ``mask`` ((N,) bool) is True."""
         return type(self)(self.arrow.filter(pa.array(mask)), self.parameters, self.designs)
+
+    def by_block(self) -> dict[int, Self]:
+        """Return the number of each block, from 1, and its rows; of more than `MOST_BLOCKS` those with the most rows."""
+        numbers, counts = np.unique(self.blocks, return_counts=True)
+        if len(numbers) == 1:
+            return {int(numbers[0]) + 1: self}
+        largest = np.sort(numbers[np.argsort(-counts, kind="stable")[:MOST_BLOCKS]])
+        return {number + 1: self.select(self.blocks == number) for number in largest.tolist()}
 
     @cached_property
     def evaluations(self) -> NDArray[np.int64]:

@@ -166,7 +166,7 @@ class Summary:
         empty: frames without persons, per function and sensor; empty if there are none.
         classes: scores over all classes, per function and sensor.
         warnings: sentences about faults that make the numbers meaningless; to be shown before all results.
-        blocks: the blocks that every row mixes; empty for a run of one block.
+        blocks: the blocks that the rows mix, of many the largest; empty for a run of one block.
     """
 
     threshold: float
@@ -292,13 +292,12 @@ def _occlusion(table: EvaluationTable) -> tuple[OcclusionShare, ...]:
 
 
 def _blocks(table: EvaluationTable) -> tuple[BlockPersons, ...]:
-    here = present(table)
-    numbers, counts = np.unique(table.blocks[here], return_counts=True)
-    if len(numbers) < 2:
+    blocks, persons = table.by_block(), np.count_nonzero(present(table))
+    if len(blocks) < 2:
         return ()
     return tuple(
-        BlockPersons(number + 1, count / int(counts.sum()), characters(table.select(table.blocks == number)))
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)
+        BlockPersons(number, np.count_nonzero(present(own)) / max(persons, 1), characters(own))
+        for number, own in blocks.items()
     )
 
 

@@ -35,7 +35,11 @@ def certainty_sentences(summary: Summary) -> list[str]:
 
 def blocks_sentence(blocks: Sequence[BlockPersons]) -> str:
     """Return the part of each block in the rows of a summary, and why its pedestrians do not compare."""
-    parts = [f"{percent(one.share)} % of block {one.block} ({', '.join(one.characters)})" for one in blocks]
+    parts = [
+        f"{percent(one.share)} % of block {one.block} ({', '.join(one.characters) or 'nobody'})" for one in blocks
+    ]
+    if (rest := 1 - sum(one.share for one in blocks)) > 1e-9:
+        parts.append(f"{percent(rest)} % of others")
     return (
         f"Each row mixes the blocks of the run, a person in a frame weighing the same: all together are {', '.join(parts)}. "
         "Blocks differ in more than their pedestrians: compare these within a block."

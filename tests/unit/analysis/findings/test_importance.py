@@ -27,6 +27,18 @@ def test_a_function_without_scores_is_not_explained(parameters):
     assert explanations(EvaluationTable.from_rows([], parameters)) == ()
 
 
+def test_nothing_measured_is_named_where_neighbours_score_alike(synthetic, parameters, grid):
+    rows = synthetic(lambda *_: 0.5, functions=("net",), xs=np.arange(-6.0, 7).tolist(), ys=np.arange(5.0, 33, 3).tolist())
+    for row in rows:
+        share = 0.6 + 0.25 * np.sin(row["scene.person-1.pos.x"] / 2) - 0.003 * row["distance_m"]
+        tp = round(share * row["pixel_area"])
+        row |= {"tp": tp, "fn": row["pixel_area"] - tp, "pacc": tp / row["pixel_area"]}
+    (drawn,) = explanations(EvaluationTable.from_rows(rows, parameters, {"run-1": Design((("random", 10_000),))}))
+    (listed,) = explanations(EvaluationTable.from_rows(rows, parameters, grid))
+    assert any(one.named for one in drawn.measured)
+    assert all(one.alike and not one.named for one in listed.measured)
+
+
 def test_shares_are_those_of_each_block_alone(synthetic, parameters):
     """The outfits of both blocks act alike on their own; the second block is worse as a whole, whatever it varies."""
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from valerie.analysis.rows.design import Design
-from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.rows.table import MOST_BLOCKS, EvaluationTable
 from valerie.analysis.summary.summary import Summary, summarize
 from valerie.analysis.summary.text import summary_text
 from valerie.errors import InvalidInput
@@ -288,5 +288,9 @@ def test_the_rows_of_two_blocks_say_what_they_mix():
     two = EvaluationTable.from_rows(rows, {}, {"r": Design((("grid", 4), ("grid", 1)))})
     sentence = next(line for line in summary_text(summarize(two), width=1000).splitlines() if "block" in line)
     assert "all together are 80.0 % of block 1 (blue, red), 20.0 % of block 2 (blue). " in sentence
+    many = [row(f"f{i}", 5, 5, 0, variant_index=i) for i in range(20)]
+    blocks = summarize(EvaluationTable.from_rows(many, {}, {"r": Design((("grid", 1),) * 20)}))
+    assert len(blocks.blocks) == MOST_BLOCKS
+    assert "5.0 % of block 8 (black-outfit), 60.0 % of others. " in summary_text(blocks, width=1000)
     one = EvaluationTable.from_rows(rows, {}, {"r": Design((("grid", 5),))})
     assert "block" not in summary_text(summarize(one))
