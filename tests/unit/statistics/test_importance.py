@@ -117,7 +117,9 @@ def test_losses_of_a_linear_gaussian_model_are_the_analytic_ones():
     conditional = 1 / np.diag(np.linalg.inv(covariance))
     expected = 0.95 * slopes**2 * 2 * conditional / (slopes @ covariance @ slopes + 0.25)
 
-    results = {one.column: one for one in measured_importance(scores, np.arange(4000), dict(zip("abc", x.T, strict=True)))}
+    results = {
+        one.column: one for one in measured_importance(scores, np.arange(4000), dict(zip("abc", x.T, strict=True)))
+    }
     assert {name for name, one in results.items() if one.named} == {"a", "c"}
     for name, loss in zip("abc", expected, strict=True):
         assert results[name].loss == pytest.approx(loss, rel=0.08, abs=0.001)
@@ -164,7 +166,9 @@ def field(reach_m, rng):
 def names_a_column(seed, *, places=0.0, suns=0.0, effect=0.0, guarded=True):
     """Whether any column is named, where places and effects of the sun are alike over some metres, besides an effect."""
     rng = np.random.default_rng(seed)
-    scores = 0.5 + 0.1 * field(places, rng)[PLACE] + 0.1 * SUN * field(suns, rng)[PLACE] + 0.05 * rng.standard_normal(480)
+    scores = (
+        0.5 + 0.1 * field(places, rng)[PLACE] + 0.1 * SUN * field(suns, rng)[PLACE] + 0.05 * rng.standard_normal(480)
+    )
     columns = {
         "distance": np.hypot(*(POSITIONS + [-2, 15]).T)[PLACE],
         "light": SUN + 0.3 * rng.standard_normal(480),

@@ -35,9 +35,7 @@ def certainty_sentences(summary: Summary) -> list[str]:
 
 def blocks_sentence(blocks: Sequence[BlockPersons]) -> str:
     """Return the part of each block in the rows of a summary, and why its pedestrians do not compare."""
-    parts = [
-        f"{percent(one.share)} % of block {one.block} ({', '.join(one.characters) or 'nobody'})" for one in blocks
-    ]
+    parts = [f"{percent(one.share)} % of block {one.block} ({', '.join(one.characters) or 'nobody'})" for one in blocks]
     if (rest := 1 - sum(one.share for one in blocks)) > 1e-9:
         parts.append(f"{percent(rest)} % of others")
     return (

@@ -28,7 +28,9 @@ def test_a_function_without_scores_is_not_explained(parameters):
 
 
 def test_nothing_measured_is_named_where_neighbours_score_alike(synthetic, parameters, grid):
-    rows = synthetic(lambda *_: 0.5, functions=("net",), xs=np.arange(-6.0, 7).tolist(), ys=np.arange(5.0, 33, 3).tolist())
+    rows = synthetic(
+        lambda *_: 0.5, functions=("net",), xs=np.arange(-6.0, 7).tolist(), ys=np.arange(5.0, 33, 3).tolist()
+    )
     for row in rows:
         share = 0.6 + 0.25 * np.sin(row["scene.person-1.pos.x"] / 2) - 0.003 * row["distance_m"]
         tp = round(share * row["pixel_area"])
