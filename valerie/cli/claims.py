@@ -54,7 +54,9 @@ def claims(
         table, seed = run.table, run.spec.seed
     else:
         if url is not None:
-            raise InvalidInput("several runs are read from the data folder", field="--url", value=url, limit="--data-dir")
+            raise InvalidInput(
+                "several runs are read from the data folder", field="--url", value=url, limit="--data-dir"
+            )
         with context_of(data_dir) as context:
             together = read_together(context, run_ids)
         say_differing(together.differing)

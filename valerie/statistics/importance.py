@@ -216,8 +216,8 @@ def measured_importance(
         for column in range(len(varying)):
             for exchanged in _exchanged(normal, column, generator):
                 gains[:, column] += (errors(exchanged) ** 2 - before**2) / _PERMUTATIONS
-    of_places = np.column_stack([np.bincount(place, figure) for figure in (before, *gains.T)])
-    of_places /= np.bincount(place)[:, None]
+    sums = [np.bincount(place, figure) for figure in (before, *gains.T)]
+    of_places: Floats = np.column_stack(sums) / np.bincount(place)[:, None]
     mean, deviation = of_places[:, 1:].mean(axis=0), of_places[:, 1:].std(axis=0, ddof=1)
     statistic = np.divide(mean, deviation / count**0.5, out=np.full(len(varying), -np.inf), where=deviation > 0)
     p_values = holm(stdtr(count - 1, -statistic))

@@ -39,7 +39,7 @@ def test_shares_on_a_grid_are_those_of_the_analysis_of_variance():
 
 
 def shapley_effects(scores, factors):
-    """The definition (Owen 2014, eq. 4): each factor's mean increase of the variance of the conditional mean, over all subsets."""
+    """By definition (Owen 2014): the mean gain of the conditional mean's variance by a factor, over all subsets of the others."""
 
     def explained(names):
         cell = np.unique(np.column_stack([factors[name] for name in names]), axis=0, return_inverse=True)[1].ravel()
@@ -170,7 +170,7 @@ def names_a_column(seed, *, places=0.0, suns=0.0, effect=0.0, guarded=True):
         0.5 + 0.1 * field(places, rng)[PLACE] + 0.1 * SUN * field(suns, rng)[PLACE] + 0.05 * rng.standard_normal(480)
     )
     columns = {
-        "distance": np.hypot(*(POSITIONS + [-2, 15]).T)[PLACE],
+        "distance": np.hypot(POSITIONS[:, 0] - 2, POSITIONS[:, 1] + 15)[PLACE],
         "light": SUN + 0.3 * rng.standard_normal(480),
         "hidden": rng.random(480),
     }

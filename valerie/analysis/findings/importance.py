@@ -24,7 +24,7 @@ class BlockShares:
     Factors of different blocks are not crossed: rows of two blocks also differ in what only one of them sets.
 
     Attributes:
-        block: its number in the run, from 1; None if all rows are of one block.
+        block: its number, from 1; None if all rows are of one block. Runs with equal blocks share them.
         shares: largest first.
     """
 

@@ -292,11 +292,11 @@ def _occlusion(table: EvaluationTable) -> tuple[OcclusionShare, ...]:
 
 
 def _blocks(table: EvaluationTable) -> tuple[BlockPersons, ...]:
-    blocks, persons = table.by_block(), np.count_nonzero(present(table))
+    blocks, persons = table.by_block(), int(np.count_nonzero(present(table)))
     if len(blocks) < 2:
         return ()
     return tuple(
-        BlockPersons(number, np.count_nonzero(present(own)) / max(persons, 1), characters(own))
+        BlockPersons(number, int(np.count_nonzero(present(own))) / max(persons, 1), characters(own))
         for number, own in blocks.items()
     )
 

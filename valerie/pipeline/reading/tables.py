@@ -130,7 +130,9 @@ def read_together(context: Context, run_ids: Sequence[str]) -> RunsTogether:
     )
 
 
-def read_classes(engine: Engine, runs: Sequence[StoredRun], cards: Mapping[str, FunctionCard]) -> tuple[AllClasses, ...]:
+def read_classes(
+    engine: Engine, runs: Sequence[StoredRun], cards: Mapping[str, FunctionCard]
+) -> tuple[AllClasses, ...]:
     """Read the scores over all classes of all evaluations so far.
 
     Args:
@@ -150,7 +152,9 @@ def read_classes(engine: Engine, runs: Sequence[StoredRun], cards: Mapping[str, 
                 totals[names[function], sensors[sensor]] += codecs.decode_counts(packed)
                 mious[names[function], sensors[sensor]].append(miou)
     specs = [run.resolved.spec for run in runs]
-    settings = dict.fromkeys((name, sensor.name) for spec in specs for name in spec.functions for sensor in spec.sensors)
+    settings = dict.fromkeys(
+        (name, sensor.name) for spec in specs for name in spec.functions for sensor in spec.sensors
+    )
     return tuple(
         all_classes(name, sensor, totals[name, sensor], frame_mean(mious[name, sensor]), cards[name].judged_by)
         for name, sensor in settings
