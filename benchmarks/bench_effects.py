@@ -11,6 +11,8 @@ effects of findings    Do the intervals of confirmed findings contain the plante
 two runs               Do the intervals of a paired difference of two runs contain it?
 sites and designs      Which share of runs without an effect confirms a finding, on several sites and with Halton points?
 places alike           What is claimed of a grid without any effect where neighbouring places and their effects are alike?
+causes alike           Which measured columns are named where places are alike and no column acts (limit 5 %), and one that
+                       does act, at independent places?
 trends                 How often is a rise or fall claimed without one (limit 5 %), and how often found? Do the intervals of
                        the difference between the last third and the first contain it?
 one point              How often is a requirement one percentage point off its bound decided, and a drop of one point found?
@@ -33,10 +35,21 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 from scipy.special import betaincinv, ndtr, ndtri
-from scipy.stats import qmc
+from scipy.stats import qmc, rankdata
 
 from benchmarks import results
-from benchmarks.bench_findings import CURVES, DECOYS, FIRST_RUN, GRID, NOISE, PAPER_SMALL, Rows, crossed, pass_or_fail
+from benchmarks.bench_findings import (
+    CURVES,
+    DECOYS,
+    FIRST_RUN,
+    GRID,
+    NOISE,
+    PAPER_SMALL,
+    Rows,
+    correlated_field,
+    crossed,
+    pass_or_fail,
+)
 from benchmarks.planted import World
 from valerie.analysis.findings.search import find_findings
 from valerie.analysis.rows.table import EvaluationTable
@@ -45,7 +58,7 @@ from valerie.statistics.confirmation import find
 from valerie.statistics.contrasts import Change, contrasts
 from valerie.statistics.curves import proven_changes
 from valerie.statistics.gates import compare_versions
-from valerie.statistics.importance import measured_importance
+from valerie.statistics.importance import NAMED, measured_importance
 from valerie.statistics.observations import bin_codes, observe
 from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
 
@@ -282,6 +295,49 @@ def _claimed(rows: Rows, other: Rows, seed: int) -> tuple[bool, ...]:
     return _confirms(rows, seed), trend, sun.excludes_0(0.95), version.worse
 
 
+# Measured columns at places that are alike --------------------------------------------------------------------------------
+
+
+def causes_alike(repetitions: int) -> Iterator[Row]:
+    for size, (x, y, *_) in (("10 x 12", PAPER_SMALL), ("6 x 8", GRID)):
+        for reach in (0.0, 4.0, 15.0):
+            yield _cause(size, (x, y, 2, 1, 2), reach, "", repetitions)
+        for cause in ("distance", "occlusion", "light"):
+            yield _cause(size, (x, y, 2, 1, 2), 0.0, cause, repetitions)
+
+
+def _cause(size: str, shape: tuple[int, ...], reach: float, cause: str, repetitions: int) -> Row:
+    """Plant places and effects of suns that are alike over ``reach``, and lower scores by 20 points along a column, if any."""
+    rng = np.random.default_rng(41)
+    counts: Counter[str] = Counter()
+    for repetition in range(repetitions):
+        rows = crossed(WORLDS["hazy"], shape, rng, reach, effects=True)
+        assert rows.positions is not None, "the grid has a reach"
+        own = rng.standard_normal((2, len(rows.values)))
+        across, along = rows.positions.T
+        columns = {
+            "distance": np.hypot(across - 2 + 2 * rows.factors["camera"], 15 + along),
+            # What stands in the way is alike among neighbours even where scores are not.
+            "occlusion": correlated_field(shape, reach or 4.0, 1, rng)[rows.places, 0] + 0.1 * own[0],
+            "light": 2.0 * rows.factors["sun"] + 0.5 * own[1],
+        }
+        lowered = 0.2 * rankdata(columns[cause]) / len(own[0]) if cause else 0.0
+        results = measured_importance(
+            rows.values - lowered, rows.places, columns, seed=repetition, positions=rows.positions
+        )
+        for title, names in (
+            ("", {one.column for one in results if one.named}),
+            (", untested", {one.column for one in results if one.p_value <= NAMED}),
+        ):
+            counts[f"named{title}"] += cause in names
+            counts[f"others named (false){title}"] += bool(names - {cause})
+    rates = {what: count / repetitions for what, count in counts.items()}
+    return {
+        "places": size, "alike over, m": reach, "cause": cause or "none", **rates,
+        "holds": _holds(rates["others named (false)"], repetitions),
+    }  # fmt: skip
+
+
 # Trends -------------------------------------------------------------------------------------------------------------------
 
 
@@ -458,6 +514,7 @@ PARTS: Final[dict[str, tuple[Callable[[int], Iterator[Row]], float]]] = {
     "two runs": (two_runs, 1),
     "sites and designs": (sites_and_designs, 0.4),
     "places alike": (places_alike, 0.4),
+    "causes alike": (causes_alike, 0.1),
     "trends": (trends, 0.4),
     "one point": (one_point, 0.1),
     "paper-small": (paper_small, 0.4),

@@ -93,15 +93,15 @@ def crossed(
     u = rng.random((len(x), 6))
     reach = reach_m or 0.0
     of_effects = reach if effects else 0.0
-    u[:, :3] = _field(shape, reach, 3, rng)[place]
-    u[:, 3] = _field(shape, of_effects, shape[2], rng)[place, sun]
-    u[:, 4] = _field(shape, of_effects, shape[3], rng)[place, character]
+    u[:, :3] = correlated_field(shape, reach, 3, rng)[place]
+    u[:, 3] = correlated_field(shape, of_effects, shape[2], rng)[place, sun]
+    u[:, 4] = correlated_field(shape, of_effects, shape[3], rng)[place, character]
     factors = {"x": x, "y": y, "sun": sun, "character": character, "camera": camera}
     positions = None if reach_m is None else np.asarray(3.0 * np.column_stack([x, y]), np.float64)
     return Rows(world(u), place, factors, positions)
 
 
-def _field(shape: tuple[int, ...], reach_m: float, numbers: int, rng: Generator) -> Floats:
+def correlated_field(shape: tuple[int, ...], reach_m: float, numbers: int, rng: Generator) -> Floats:
     """Return (G, numbers) uniform numbers of correlated random fields over places 3 m apart; 0: independent numbers."""
     if not reach_m:
         return rng.random((shape[0] * shape[1], numbers))

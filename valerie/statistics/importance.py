@@ -18,11 +18,12 @@ from scipy.special import ndtri, stdtr
 
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.statistics.confirmation import holm
-from valerie.statistics.observations import Observations, dense
+from valerie.statistics.neighbours import alike
+from valerie.statistics.observations import Observations, coordinates, dense
 
 #: Fewer places than this cannot be split into useful folds.
 MIN_PLACES: Final = 20
-#: Most rows that models are fitted to; from more, whole places are drawn.
+#: Most rows that models are fitted to; of more, each place keeps equally many, drawn at random.
 MAX_ROWS: Final = 4_000
 #: Adjusted p-value up to which a column is named. At 0.05, planted decoys made up to 6 % of false discoveries, since the
 #: columns' dependence is estimated too.
@@ -69,16 +70,18 @@ class Importance:
         loss: increase of the model's mean squared error when the column is exchanged among alike rows, as a share of the
             variance of the scores.
         p_value: one-sided, of no increase, adjusted by Holm for all columns.
+        alike: whether neighbouring places are alike in what is tested, so that p-values are too small and no column is named.
     """
 
     column: str
     loss: float
     p_value: float
+    alike: bool = False
 
     @property
     def named(self) -> bool:
         """True if the column explains scores that the others do not."""
-        return self.p_value <= NAMED
+        return self.p_value <= NAMED and not self.alike
 
 
 def variance_shares(observations: Observations) -> tuple[Share, ...]:
@@ -146,7 +149,12 @@ def _between(left: Floats, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[
 
 
 def measured_importance(
-    values: ArrayLike, places: ArrayLike, columns: Mapping[str, ArrayLike], *, seed: int = 0
+    values: ArrayLike,
+    places: ArrayLike,
+    columns: Mapping[str, ArrayLike],
+    *,
+    seed: int = 0,
+    positions: NDArray[np.float64] | None = None,
 ) -> tuple[Importance, ...]:
     """Test each measured column, all others equal; return the smallest p-value first.
 
@@ -157,11 +165,16 @@ def measured_importance(
     places is 0, which Student's t tests one-sided (conditional predictive impact: Watson and Wright 2021,
     doi:10.1007/s10994-021-06030-6; permutation given the others: Strobl et al. 2008, doi:10.1186/1471-2105-9-307).
 
+    That takes places for independent. On a listed site, a column that follows the street predicts what neighbours share. So
+    nothing is named where neighbouring places are alike (`valerie.statistics.neighbours`) in the model's mean errors, which no
+    column explains, or in the differences of a column that would be named, which effects alike among neighbours make.
+
     Args:
         values: (N,) finite scores.
-        places: (N,) whole numbers, the place of each row; with more than `MAX_ROWS` rows, some places are drawn.
+        places: (N,) whole numbers, the place of each row; of more than `MAX_ROWS` rows, each place keeps some.
         columns: name to (N,) finite numbers; a column that hardly differs from the others is never named.
         seed: of folds and permutations.
+        positions: (N, D) coordinates, equal within a place, metres, where places are listed on one site; else None.
 
     Returns:
         One entry per column; empty with fewer than `MIN_PLACES` places, or where the scores or all columns are constant.
@@ -179,7 +192,7 @@ def measured_importance(
         raise MissingDependency("importance needs scikit-learn: install valerie[report]") from error
     scores, numbers, place = _checked(values, places, columns)
     generator = np.random.default_rng(seed)
-    rows = _some_places(place, generator)
+    rows = _some_rows(place, generator)
     scores, numbers, place = scores[rows], numbers[rows], dense(place[rows])[0]
     count = int(place.max(initial=-1)) + 1
     varying = [k for k in range(numbers.shape[1]) if len(rows) and np.ptp(numbers[:, k]) > 0]
@@ -192,25 +205,32 @@ def measured_importance(
     with threadpool_limits(1, user_api="openmp"):
         models = [_fit(normal[fold != k], scores[fold != k]) for k in range(_FOLDS)]
 
-        def squared_errors(x: Floats) -> Floats:
+        def errors(x: Floats) -> Floats:
             predicted = np.empty(len(x))
             for k, model in enumerate(models):
                 predicted[fold == k] = model(x[fold == k])
-            return np.asarray((predicted - scores) ** 2)
+            return np.asarray(predicted - scores)
 
-        before = squared_errors(normal)
-        losses, p_values = [], []
+        before = errors(normal)
+        gains = np.zeros((len(rows), len(varying)))
         for column in range(len(varying)):
-            gain = np.zeros(len(rows))
             for exchanged in _exchanged(normal, column, generator):
-                gain += (squared_errors(exchanged) - before) / _PERMUTATIONS
-            of_places = np.bincount(place, gain) / np.bincount(place)
-            losses.append(float(of_places.mean() / scores.var()))
-            standard_error = float(of_places.std(ddof=1)) / count**0.5
-            p_values.append(float(stdtr(count - 1, -of_places.mean() / standard_error)) if standard_error > 0 else 1.0)
+                gains[:, column] += (errors(exchanged) ** 2 - before**2) / _PERMUTATIONS
+    sums = [np.bincount(place, figure) for figure in (before, *gains.T)]
+    of_places: Floats = np.column_stack(sums) / np.bincount(place)[:, None]
+    mean, deviation = of_places[:, 1:].mean(axis=0), of_places[:, 1:].std(axis=0, ddof=1)
+    statistic = np.divide(mean, deviation / count**0.5, out=np.full(len(varying), -np.inf), where=deviation > 0)
+    p_values = holm(stdtr(count - 1, -statistic))
+    together = False
+    if positions is not None:
+        where, named = coordinates(positions[rows], place, count), of_places[:, 1:][:, p_values <= NAMED].T
+        together = bool(alike(of_places[:, :1], where)[0]) or any(
+            bool(alike(figure[:, None], where, within=True)[0]) for figure in named
+        )
+    entries = zip(varying, (mean / scores.var()).tolist(), p_values.tolist(), strict=True)
     names = list(columns)
-    entries = zip((names[k] for k in varying), losses, holm(p_values).tolist(), strict=True)
-    return tuple(sorted((Importance(*entry) for entry in entries), key=lambda one: (one.p_value, -one.loss)))
+    results = (Importance(names[k], loss, p_value, together) for k, loss, p_value in entries)
+    return tuple(sorted(results, key=lambda one: (one.p_value, -one.loss)))
 
 
 def _checked(
@@ -228,14 +248,12 @@ def _checked(
     return scores, stacked, place.astype(np.int64)
 
 
-def _some_places(place: NDArray[np.int64], generator: np.random.Generator) -> NDArray[np.int64]:
-    """Return the rows of randomly drawn places, at most about `MAX_ROWS`; all rows if there are fewer."""
-    number, occupied = dense(place)
-    order = generator.permutation(len(occupied))
-    reached = np.cumsum(np.bincount(number, minlength=len(occupied))[order])
-    chosen = np.zeros(len(occupied), np.bool_)
-    chosen[order[: max(np.searchsorted(reached, MAX_ROWS, side="right"), MIN_PLACES)]] = True
-    return np.flatnonzero(chosen[number])
+def _some_rows(place: NDArray[np.int64], generator: np.random.Generator) -> NDArray[np.int64]:
+    """Return at most `MAX_ROWS` rows, ascending: one of each place, then a second one of each, and so on."""
+    shuffled = generator.permutation(len(place))
+    by_place = shuffled[np.argsort(place[shuffled], kind="stable")]
+    first = np.searchsorted(place[by_place], place[by_place])
+    return np.sort(by_place[np.argsort(np.arange(len(place)) - first, kind="stable")[:MAX_ROWS]])
 
 
 def _fit(x: Floats, scores: Floats) -> Callable[[Floats], Floats]:

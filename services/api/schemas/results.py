@@ -180,7 +180,7 @@ class SummaryRead(Read):
     )
     @property
     def certainty(self) -> list[str]:
-        return certainty_sentences(self.summary.rows)
+        return certainty_sentences(self.summary)
 
     @computed_field(  # type: ignore[prop-decorator]
         description="how the findings were searched, and whether any is confirmed",

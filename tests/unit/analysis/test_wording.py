@@ -1,9 +1,10 @@
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange
 from valerie.analysis.comparison.wording import change_sentence
 from valerie.analysis.findings.findings import Finding, Findings, Inequality, Step
-from valerie.analysis.findings.wording import finding_sentence, searched_sentence
-from valerie.analysis.wording import setting_labels
+from valerie.analysis.findings.wording import finding_sentence, measured_note, searched_sentence
+from valerie.analysis.wording import ALIKE_PLACES, setting_labels
 from valerie.statistics.contrasts import Matching
+from valerie.statistics.importance import Importance
 from valerie.statistics.units import Estimand
 
 
@@ -55,7 +56,8 @@ def test_a_finding_between_places_says_so_and_names_what_else_differs() -> None:
 
 def test_an_effect_without_interval_says_how_many_places_would_show_its_size() -> None:
     assert finding_sentence(finding(-0.2, SUN, places_for_size=1234)).endswith(
-        "(6 places, 36 pairs). They show that it is lower, not by how much; about 1,234 places would."
+        "(6 places, 36 pairs). They show that it is lower, not by how much (those that "
+        "suggested it do not count); about 1,234 places would."
     )
     assert finding_sentence(finding(-0.2, SUN, places_for_size=1234, confirmed=False)).endswith(
         "(6 places, 36 pairs). They do not show its size; about 1,234 places would."
@@ -86,6 +88,12 @@ def test_a_run_without_findings_says_how_much_was_looked_at() -> None:
     assert said(0, 0).startswith("Nothing to compare")
     assert said(12, 0) == "12 comparisons searched in 6 places, too few to confirm anything: 10 places are needed."
     assert said(12, 6).endswith("judged in 6 others with 95 % confidence for all together; none is confirmed.")
+
+
+def test_why_no_measured_quantity_is_named_is_said() -> None:
+    assert "too few places" in measured_note([])
+    assert ALIKE_PLACES in measured_note([Importance("distance_m", 0.1, 0.001, alike=True)])
+    assert measured_note([Importance("distance_m", 0.1, 0.5)]) == ""
 
 
 def test_a_change_between_versions_has_its_interval_and_its_flips() -> None:

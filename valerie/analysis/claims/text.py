@@ -25,10 +25,11 @@ def ledger_text(claims: Claims, entries: Sequence[LedgerEntry]) -> str:
 
 
 def ledger_notes(entries: Sequence[LedgerEntry]) -> list[str]:
-    """Return what the quantities, and the intervals of differences and curves, are over."""
+    """Return what the quantities, and the intervals of differences and curves, are over, and why findings have fewer."""
     return [
         f"Quantities are those of {population(estimand)}; intervals of differences and along an axis are for "
-        f"{population_of_differences(estimand)}, 95 % each."
+        f"{population_of_differences(estimand)}, 95 % each, from all places, since a claim is stated beforehand. A finding is "
+        "judged by the places that did not suggest it, together with all others, and may have no interval where a claim has."
         for estimand in dict.fromkeys(entry.estimand for entry in entries)
         if estimand is not None
     ]

@@ -18,17 +18,32 @@ MEASURED: Final = tuple(measure.name for measure in MEASURES if measure.is_teste
 
 
 @dataclass(frozen=True, slots=True)
+class BlockShares:
+    """Shares of the variance among the rows of one block, for the factors that it varies.
+
+    Factors of different blocks are not crossed: rows of two blocks also differ in what only one of them sets.
+
+    Attributes:
+        block: its number, from 1; None if all rows are of one block. Runs with equal blocks share them.
+        shares: largest first.
+    """
+
+    block: int | None
+    shares: tuple[Share, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Explanation:
     """Columns that explain the pACC of one function.
 
     Attributes:
         function: its name.
-        shares: shares of the variance, for the factors that the run set, largest first.
+        blocks: shares of the variance, for the factors that each block set; of many blocks the largest.
         measured: importance of measured columns, smallest p-value first; empty if there are too few places.
     """
 
     function: str
-    shares: tuple[Share, ...]
+    blocks: tuple[BlockShares, ...]
     measured: tuple[Importance, ...]
 
 
@@ -42,15 +57,24 @@ def explanations(table: EvaluationTable, *, seed: int = 0) -> tuple[Explanation,
         seed: of folds and permutations.
     """
     pacc, functions = table.numbers("pacc"), table.codes("function")
-    factors = {factor.name: factor.codes for factor in factors_of(table)}
+    blocks = table.by_block()
     results = []
     for name in functions.names:
         rows = functions.where(name) & np.isfinite(pacc)
         if not rows.any():
             continue
-        shares = variance_shares(observe(np.where(rows, pacc, np.nan), table.places, factors))
+        shares = [
+            BlockShares(number if len(blocks) > 1 else None, _shares(block, name)) for number, block in blocks.items()
+        ]
         columns = {column: table.numbers(column)[rows] for column in MEASURED}
         complete = {column: values for column, values in columns.items() if np.isfinite(values).all()}
-        measured = measured_importance(pacc[rows], table.places[rows], complete, seed=seed)
-        results.append(Explanation(name, shares, measured))
+        measured = measured_importance(
+            pacc[rows], table.places[rows], complete, seed=seed, positions=table.positions_of(rows)
+        )
+        results.append(Explanation(name, tuple(shares), measured))
     return tuple(results)
+
+
+def _shares(table: EvaluationTable, function: str) -> tuple[Share, ...]:
+    pacc = np.where(table.codes("function").where(function), table.numbers("pacc"), np.nan)
+    return variance_shares(observe(pacc, table.places, {factor.name: factor.codes for factor in factors_of(table)}))

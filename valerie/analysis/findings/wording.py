@@ -8,6 +8,7 @@ from valerie.analysis.findings.findings import Finding, Findings, Inequality, Pi
 from valerie.analysis.wording import ALIKE_PLACES, for_whom, percent, place_noun, population, unit_noun
 from valerie.measures import measure_of
 from valerie.statistics.contrasts import Matching
+from valerie.statistics.importance import Importance
 from valerie.statistics.intervals import Interval
 
 
@@ -50,7 +51,7 @@ def _size_sentence(finding: Finding) -> str:
     if not finding.confirmed:
         return f" They do not show its size; {enough}"
     higher = "higher" if finding.effect > 0 or not finding.function else "lower"
-    return f" They show that it is {higher}, not by how much; {enough}"
+    return f" They show that it is {higher}, not by how much (those that suggested it do not count); {enough}"
 
 
 def picture_fault_sentence(fault: PictureFault) -> str:
@@ -102,6 +103,15 @@ def alike_sentence(function: str) -> str:
     """Return why some differences stay candidates; no function: those between functions."""
     whose = f"{function}: " if function else "Between functions: "
     return f"{whose}in some differences, {ALIKE_PLACES}; these stay candidates. Repeat the grid on several sites to confirm them."
+
+
+def measured_note(measured: Sequence[Importance]) -> str:
+    """Return why no measured quantity is named or tested; empty if they are tested."""
+    if not measured:
+        return "Measured quantities are not tested: too few places, or nothing measured that differs."
+    if measured[0].alike:
+        return f"Of measured quantities, none is named: {ALIKE_PLACES}. Repeat the grid on several sites."
+    return ""
 
 
 def false_positives_sentence(function: str, sensor: str, interval: Interval) -> str:

@@ -45,7 +45,12 @@ def figure_tables(table: EvaluationTable, trends: Trends, explained: Sequence[Ex
             for character, means in maps
             for row in _cells(means)
         ),
-        "set-factors": ({"function": one.function} | asdict(share) for one in explained for share in one.shares),
+        "set-factors": (
+            {"function": one.function, "block": part.block} | asdict(share)
+            for one in explained
+            for part in one.blocks
+            for share in part.shares
+        ),
         "measured-quantities": (
             {"function": one.function} | asdict(measured) for one in explained for measured in one.measured
         ),

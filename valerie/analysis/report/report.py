@@ -27,7 +27,7 @@ from valerie.analysis.comparison.beside import Beside, SharedPerson
 from valerie.analysis.comparison.wording import fidelity_sentence
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
 from valerie.analysis.findings.findings import Finding
-from valerie.analysis.findings.wording import candidate_text, searched_sentence
+from valerie.analysis.findings.wording import candidate_text, measured_note, searched_sentence
 from valerie.analysis.report.distributions import distributions, means_by_occlusion
 from valerie.analysis.report.examples import Example, choose_examples
 from valerie.analysis.report.in_short import in_short
@@ -118,7 +118,7 @@ def build_report(source: ReportInput) -> str:
             flips=list(_flips(source, source.beside)),
             limits=limits(source.summary, source.findings),
             register=register(source.findings),
-            certainty=certainty_sentences(source.summary.rows),
+            certainty=certainty_sentences(source.summary),
             parameters=level_means(source.table),
             pair=strongest_pair(source.table),
             explanations=source.explained,
@@ -164,6 +164,7 @@ def _environment() -> jinja2.Environment:
         "reasons": wording.reasons_text,
         "classes": wording.classes_text,
         "settled": candidate_text,
+        "measured_note": measured_note,
         "ledger_notes": ledger_notes,
         "for_whom": wording.for_whom,
         "population_of_differences": wording.population_of_differences,

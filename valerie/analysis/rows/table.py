@@ -36,6 +36,8 @@ PARAMETER_COLUMNS: Final[Mapping[str, pa.DataType]] = {
     "BOOL": pa.bool_(),
     "CATEGORICAL": _NAME,
 }
+#: Blocks of which results are shown one by one; a run may have thousands.
+MOST_BLOCKS: Final = 8
 _METADATA_KEY: Final = b"valerie.evaluations"
 _BATCH: Final = 65_536
 
@@ -236,6 +238,14 @@ class EvaluationTable:
         """Return the rows where ``mask`` ((N,) bool) is True."""
         return type(self)(self.arrow.filter(pa.array(mask)), self.parameters, self.designs)
 
+    def by_block(self) -> dict[int, Self]:
+        """Return the number of each block, from 1, and its rows; of more than `MOST_BLOCKS` those with the most rows."""
+        numbers, counts = np.unique(self.blocks, return_counts=True)
+        if len(numbers) == 1:
+            return {int(numbers[0]) + 1: self}
+        largest = np.sort(numbers[np.argsort(-counts, kind="stable")[:MOST_BLOCKS]])
+        return {number + 1: self.select(self.blocks == number) for number in largest.tolist()}
+
     @cached_property
     def evaluations(self) -> NDArray[np.int64]:
         """(N,) int64 number 0…E−1 of the evaluation (frame, sensor, function) of each row."""
@@ -282,6 +292,15 @@ class EvaluationTable:
             drawn[rows] = design.drawn(self._variants[rows])
         keys = [self._sites, np.where(drawn, self.numbers("variant_index"), -1.0)]
         return combine([*keys, *(self.numbers(path) for path in position_paths(self.parameters))])
+
+    @cached_property
+    def blocks(self) -> NDArray[np.int64]:
+        """(N,) int64 number of the block of each row, from 0; runs with equal blocks share them."""
+        numbers, firsts = np.zeros(len(self), np.int64), dict[tuple[tuple[str, int], ...], int]()
+        for design, rows in self._by_run:
+            first = firsts.setdefault(design.blocks, sum(map(len, firsts)))
+            numbers[rows] = first + design.blocks_of(self._variants[rows])
+        return numbers
 
     @cached_property
     def place_positions(self) -> NDArray[np.float64] | None:

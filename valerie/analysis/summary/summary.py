@@ -122,6 +122,21 @@ class OcclusionShare:
 
 
 @dataclass(frozen=True, slots=True)
+class BlockPersons:
+    """A block's part in the rows of a summary.
+
+    Attributes:
+        block: its number in the run, from 1.
+        share: its share of all person-frames.
+        characters: the pedestrians in it.
+    """
+
+    block: int
+    share: float
+    characters: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class EmptyFrames:
     """False positives in frames without any person.
 
@@ -151,6 +166,7 @@ class Summary:
         empty: frames without persons, per function and sensor; empty if there are none.
         classes: scores over all classes, per function and sensor.
         warnings: sentences about faults that make the numbers meaningless; to be shown before all results.
+        blocks: the blocks that the rows mix, of many the largest; empty for a run of one block.
     """
 
     threshold: float
@@ -160,6 +176,7 @@ class Summary:
     empty: tuple[EmptyFrames, ...]
     classes: tuple[AllClasses, ...] = ()
     warnings: tuple[str, ...] = ()
+    blocks: tuple[BlockPersons, ...] = ()
 
 
 def summarize(
@@ -192,6 +209,7 @@ def summarize(
         empty=_empty(table, counts),
         classes=tuple(classes),
         warnings=pitfalls(table),
+        blocks=_blocks(table),
     )
 
 
@@ -271,6 +289,16 @@ def _occlusion(table: EvaluationTable) -> tuple[OcclusionShare, ...]:
         rates = table.numbers("occlusion_rate")[once & np.logical_or.reduce(of_any)]
         shares.append(OcclusionShare(name, len(rates), int(np.count_nonzero(rates > OCCLUDED))))
     return tuple(shares)
+
+
+def _blocks(table: EvaluationTable) -> tuple[BlockPersons, ...]:
+    blocks, persons = table.by_block(), int(np.count_nonzero(present(table)))
+    if len(blocks) < 2:
+        return ()
+    return tuple(
+        BlockPersons(number, int(np.count_nonzero(present(own))) / max(persons, 1), characters(own))
+        for number, own in blocks.items()
+    )
 
 
 def _empty(table: EvaluationTable, counts: FrameCounts) -> tuple[EmptyFrames, ...]:

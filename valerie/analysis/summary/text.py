@@ -132,7 +132,7 @@ def _cells(row: SummaryRow) -> dict[str, str]:
 
 def _notes(summary: Summary) -> list[str]:
     lines = ["In per cent; precision and IoU are of the frame: mean / from pooled counts."]
-    lines += certainty_sentences(summary.rows)
+    lines += certainty_sentences(summary)
     lines += [sentence] if (sentence := occlusion_sentence(summary.occlusion)) else []
     lines += [
         f"{empty.function}: {empty.with_false_positives:,} of {empty.frames:,} frames without a person have person pixels."

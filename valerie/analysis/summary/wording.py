@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.rows.frame_counts import ALL
-from valerie.analysis.summary.summary import OCCLUDED, OcclusionShare, Summary, SummaryRow
+from valerie.analysis.summary.summary import OCCLUDED, BlockPersons, OcclusionShare, Summary
 from valerie.analysis.wording import percent, population, reasons_text, unit_noun
 from valerie.statistics.intervals import Interval, Refusal, Shortfall
 from valerie.statistics.units import Estimand
@@ -22,13 +22,26 @@ def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
     return f"More than {100 * OCCLUDED:g} % occluded: {', '.join(texts)}." if texts else ""
 
 
-def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
-    """Return the meaning of the brackets in a summary, and the reasons for missing intervals."""
-    sentences = interval_sentences(row.pacc_mean_interval for row in rows)
+def certainty_sentences(summary: Summary) -> list[str]:
+    """Return what the rows of a summary mix, the meaning of their brackets, and the reasons for missing intervals."""
+    rows = summary.rows
+    sentences = [blocks_sentence(summary.blocks)] if summary.blocks else []
+    sentences += interval_sentences(row.pacc_mean_interval for row in rows)
     if any(row.pacc_mean_spread for row in rows):
         places = max(row.pacc_mean_spread.places for row in rows if row.pacc_mean_spread)
         sentences.append(f"[Middle 80 % of the means of {places:,} places]: how much places differ.")
     return sentences + refusal_sentences(row.pacc_mean_interval for row in rows)
+
+
+def blocks_sentence(blocks: Sequence[BlockPersons]) -> str:
+    """Return the part of each block in the rows of a summary, and why its pedestrians do not compare."""
+    parts = [f"{percent(one.share)} % of block {one.block} ({', '.join(one.characters) or 'nobody'})" for one in blocks]
+    if (rest := 1 - sum(one.share for one in blocks)) > 1e-9:
+        parts.append(f"{percent(rest)} % of others")
+    return (
+        f"Each row mixes the blocks of the run, a person in a frame weighing the same: all together are {', '.join(parts)}. "
+        "Blocks differ in more than their pedestrians: compare these within a block."
+    )
 
 
 def interval_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[str]:

@@ -234,5 +234,6 @@ def test_the_ledger_names_what_its_intervals_are_for(table):
     claims = parse_claims({"title": "planted", "claims": [{"id": "c", "says": "so", "slip": "no"}]})
     assert ledger_text(claims, entries).endswith(
         "Quantities are those of the listed variants; intervals of differences and along an axis are for places like these "
-        "on this site, 95 % each.\n"
+        "on this site, 95 % each, from all places, since a claim is stated beforehand. A finding is judged by the places that "
+        "did not suggest it, together with all others, and may have no interval where a claim has.\n"
     )

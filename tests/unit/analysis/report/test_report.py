@@ -11,6 +11,7 @@ import yaml
 
 from valerie.analysis.analyze import analyze
 from valerie.analysis.findings.effects import level_means, strongest_pair
+from valerie.analysis.findings.importance import BlockShares, Explanation
 from valerie.analysis.report import model
 from valerie.analysis.report.figures import figure_tables
 from valerie.analysis.report.model import Failure, Provenance, ReportInput
@@ -19,11 +20,13 @@ from valerie.analysis.report.register import register
 from valerie.analysis.report.report import build_report, data_url
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses, PooledClass
+from valerie.analysis.wording import ALIKE_PLACES
 from valerie.measures import measure_of
 from valerie.parameters.definitions import ParameterDefinition
 from valerie.perception.base import FunctionCard
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.resolving.spec import parse
+from valerie.statistics.importance import Importance, Share
 
 DOCUMENT = {"name": "First run", "asset": "urban-street", "seed": 7, "blocks": [{"design": "grid", "vary": ["ä: b"]}]}
 SPEC = parse({"name": "First run", "asset": "urban-street", "vary": [["person-1.pos.x", "CHOICE", 1, 2]]})
@@ -265,6 +268,17 @@ def test_what_explains_the_score_is_computed_once_for_the_page_and_its_figures(b
     figure_tables(fresh.table, fresh.trends, fresh.explained)
 
     assert computed == [(brief.table, brief.trends.seed)]
+
+
+def test_what_explains_the_score_is_told_by_block_and_not_where_places_are_alike(brief, monkeypatch):
+    blocks = tuple(BlockShares(number, (Share("camera", 0.1, 0.2),)) for number in (1, 2))
+    explained = Explanation("a-net", blocks, (Importance("distance_m", 0.1, 0.001, alike=True),))
+    monkeypatch.setattr(model, "explanations", lambda table, *, seed: (explained,))
+    words = Page(build_report(dataclasses.replace(brief, findings=brief.findings))).words
+    for text in ("Set by block 1", "Set by block 2", ALIKE_PLACES):
+        assert text in words
+    assert "not shown" in words
+    assert "0.001" not in words
 
 
 def test_a_run_without_any_evaluation_still_has_a_report(source):

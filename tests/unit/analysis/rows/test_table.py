@@ -200,6 +200,15 @@ def test_listed_variants_share_a_place_where_the_person_stands_alike(rows, param
     assert (table.units.estimand, table.units.count) == (Estimand.LISTED_GRID, 8)
 
 
+def test_a_row_knows_its_block_and_equal_blocks_of_runs_are_one(rows, parameters):
+    two, other = Design((("grid", 3), ("grid", 5)), site=1), Design((("random", 8),), site=1)
+    table = of_designs(rows, parameters, a=two, b=other, c=Design(two.blocks, site=2))
+    variants, runs = table.numbers("variant_index"), table.codes("run_id")
+    for run in "ac":
+        assert table.blocks[runs.where(run)].tolist() == (variants[runs.where(run)] >= 3).tolist()
+    assert set(table.blocks[runs.where("b")].tolist()) == {2}
+
+
 def test_suns_and_headings_are_no_further_places(rows, parameters):
     suns = [{**row, "scene.sun-1.azimuth": float(sun), "variant_index": 8 * sun + row["variant_index"]}
             for sun in range(2) for row in rows]  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from valerie.analysis.rows.design import Design
-from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.rows.table import MOST_BLOCKS, EvaluationTable
 from valerie.analysis.summary.summary import Summary, summarize
 from valerie.analysis.summary.text import summary_text
 from valerie.errors import InvalidInput
@@ -280,3 +280,17 @@ def test_pictures_without_content_are_counted_once_each_and_stay_in_every_rate()
     many = summarize(table_of(*(row(f"f{i}", 5, 5, 0, picture_mean=0.1, picture_deviation=0.1) for i in range(5))))
     assert many.warnings == (f"5 of 5 pictures are black (frames f0, f1, f2, …).{advice}",)
     assert typed(Summary, json.loads(json.dumps(asdict(many)))) == many
+
+
+def test_the_rows_of_two_blocks_say_what_they_mix():
+    rows = [row(f"f{i}", 5, 5, 0, variant_index=i, character="red" if i < 3 else "blue") for i in range(4)]
+    rows.append(row("f4", 5, 5, 0, variant_index=4, character="blue"))
+    two = EvaluationTable.from_rows(rows, {}, {"r": Design((("grid", 4), ("grid", 1)))})
+    sentence = next(line for line in summary_text(summarize(two), width=1000).splitlines() if "block" in line)
+    assert "all together are 80.0 % of block 1 (blue, red), 20.0 % of block 2 (blue). " in sentence
+    many = [row(f"f{i}", 5, 5, 0, variant_index=i) for i in range(20)]
+    blocks = summarize(EvaluationTable.from_rows(many, {}, {"r": Design((("grid", 1),) * 20)}))
+    assert len(blocks.blocks) == MOST_BLOCKS
+    assert "5.0 % of block 8 (black-outfit), 60.0 % of others. " in summary_text(blocks, width=1000)
+    one = EvaluationTable.from_rows(rows, {}, {"r": Design((("grid", 5),))})
+    assert "block" not in summary_text(summarize(one))

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import mlcroissant
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -119,6 +120,24 @@ def test_croissant_describes_every_file_and_every_column(run: tuple[Pipeline, st
             assert one.get("repeated", False) == pa.types.is_list(kind)
             assert kinds.get(one["dataType"], lambda _: True)(kind.value_type if pa.types.is_list(kind) else kind)
     assert [records["@id"] for records in document["recordSet"]] == ["persons", "evaluations"]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries that it uses
+def test_mlcroissant_accepts_the_description_and_reads_the_records(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    folder = tmp_path / "set"
+    export_run(pipeline.context, run_id, folder, ExportSettings(predictions=("blank",), polygons=True))
+    described = mlcroissant.Dataset(jsonld=folder / "croissant.json")
+    assert not described.metadata.ctx.issues.errors
+    for name, path in (("persons", "index.parquet"), ("evaluations", "evaluations.parquet")):
+        table = pq.read_table(folder / path)
+        records = list(described.records(name))
+        assert len(records) == table.num_rows
+        assert list(records[0]) == [f"{name}/{column}" for column in table.column_names]
+    document = json.loads((folder / "croissant.json").read_text())
+    del document["distribution"][0]["contentUrl"]
+    with pytest.raises(mlcroissant.ValidationError, match="contentUrl"):
+        mlcroissant.Dataset(jsonld=document)
 
 
 def test_croissant_uses_only_terms_that_its_context_defines(run: tuple[Pipeline, str], tmp_path: Path) -> None:
