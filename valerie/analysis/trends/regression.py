@@ -2,7 +2,7 @@
 
 The degree is the smallest that predicts held-out places as well as the best one. Everything is computed from sums by place
 (Σ φφᵀ, Σ φy of Chebyshev polynomials φ), so that a million rows are read once. A polynomial has no band, because bands from
-resampled places fall short of their coverage (docs/statistics-findings.md); those of `valerie.statistics.curves` do not.
+resampled places fall short of their coverage (docs/statistics.md); those of `valerie.statistics.curves` do not.
 """
 
 from __future__ import annotations
