@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
-from sqlalchemy import Connection, Subquery, delete, func, insert, select, union, update
+from sqlalchemy import ColumnElement, Connection, Subquery, and_, delete, func, insert, select, union, update
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db import marks
@@ -92,6 +92,18 @@ class Unfinished(NamedTuple):
 
     runs: int
     variants: int
+
+
+class Made(NamedTuple):
+    """The products of some runs, each counted once, also if other runs share it.
+
+    Attributes:
+        cpu_seconds: CPU time that made them.
+        bytes: size of those that are stored.
+    """
+
+    cpu_seconds: float
+    bytes: int
 
 
 class Fed(NamedTuple):
@@ -299,11 +311,25 @@ def count_by_state(connection: Connection) -> dict[RunState, int]:
 def unfinished(connection: Connection, *, owner: str | None = None, project: str = "") -> Unfinished:
     """Return what an owner or a project has unfinished; also paused runs, which may go on by themselves."""
     columns = func.count(), func.coalesce(func.sum(Run.variant_count), 0)
-    query = select(*columns).where(Run.state.in_(ACTIVE), within(Run, project))
-    if owner is not None:
-        query = query.where(Run.owner == owner)
+    query = select(*columns).where(Run.state.in_(ACTIVE), _held(owner, project))
     count, variants = connection.execute(query).one()
     return Unfinished(count, int(variants))
+
+
+def made(connection: Connection, *, owner: str | None = None, project: str = "", since: datetime | None = None) -> Made:
+    """Return what the products of all runs of an owner or a project took, or of those submitted after ``since``."""
+    held = [_held(owner, project)] if since is None else [_held(owner, project), Run.created_at > since]
+    links = union(
+        *(select(column).join(Run, Run.id == table.run_id).where(*held) for table, column in PRODUCT_LINKS)
+    ).subquery()
+    sums = func.sum(Product.cpu_seconds), func.sum(Product.bytes)
+    seconds, size = connection.execute(select(*sums).join(links, links.c[0] == Product.digest)).one()
+    return Made(float(seconds or 0.0), int(size or 0))
+
+
+def _held(owner: str | None, project: str) -> ColumnElement[bool]:
+    """Return the condition that a run is of an owner, if one is given, and of a project."""
+    return within(Run, project) if owner is None else and_(Run.owner == owner, within(Run, project))
 
 
 def change_state(

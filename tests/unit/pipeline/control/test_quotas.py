@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import timedelta
 
 import pytest
+from sqlalchemy import select
 
 from tests.world.blank import SMALL, Pipeline
+from valerie.db import runs
+from valerie.db.engine import database_moment, reading
+from valerie.db.models import Product
 from valerie.errors import Conflict
 from valerie.pipeline.control import lifecycle
+from valerie.runs.products.states import ProductState
 
 Make = Callable[..., Pipeline]
 
@@ -52,6 +58,34 @@ def test_a_cancelled_run_makes_room_but_cannot_come_back_beside_its_successor(
     lifecycle.cancel(pipeline.context, second)
     again(pipeline.context, first)
     assert pipeline.run(first) == "completed"
+
+
+def test_what_runs_took_and_store_leaves_no_room_for_another(pipelines: Make) -> None:
+    """Equal runs of both owners share their products, which count for each in full and once."""
+    pipeline = pipelines()
+    first, again = (pipeline.submit(owner="Eve") for _ in range(2))
+    assert pipeline.run(first) == pipeline.run(again) == pipeline.run(pipeline.submit(owner="Ada")) == "completed"
+    with reading(pipeline.context.engine) as connection:
+        made = runs.made(connection, owner="Eve")
+        assert made == runs.made(connection, owner="Ada") == runs.made(connection)
+        linked = runs.linked_digests(connection, first, list(ProductState))
+        sizes = {digest: size for digest, size in connection.execute(select(Product.digest, Product.bytes))}  # noqa: C416  # mypy reads the types of rows
+        seconds = sum(runs.cpu_seconds(connection, again).values())
+        later = database_moment(connection) + timedelta(seconds=1)
+        assert runs.made(connection, owner="Eve", since=later) == (0.0, 0)
+    assert made.cpu_seconds == pytest.approx(seconds)
+    assert made.bytes == sum(sizes[digest] or 0 for digest in linked) > 0
+
+    hours, gigabytes = made.cpu_seconds / 3600, made.bytes / 1e9
+    took = pipelines(max_owner_cpu_hours=hours)
+    with pytest.raises(Conflict, match=r"runs of Eve took [\d.]+ CPU hours in 30 days; limit: "):
+        took.submit(owner="Eve")
+    pipelines(max_owner_cpu_hours=2 * hours).submit(owner="Eve")
+    full = pipelines(max_owner_gigabytes=gigabytes)
+    with pytest.raises(Conflict, match=r"runs of Ada store [\d.]+ GB; limit: .*delete runs"):
+        full.submit(owner="Ada")
+    full.submit()
+    full.submit(owner="Joe")
 
 
 def test_a_repeated_request_is_answered_though_the_quota_is_used_up(pipelines: Make) -> None:
