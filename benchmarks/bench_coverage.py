@@ -30,6 +30,7 @@ from scipy.special import betaincinv, expit, logit, ndtr, ndtri, stdtrit
 from scipy.stats import binomtest
 
 from benchmarks import planted, results
+from valerie.plain import JsonObject
 from valerie.statistics.intervals import Interval, Refusal, mean_interval
 from valerie.statistics.replicates import replicates
 from valerie.statistics.units import sampling_units
@@ -408,6 +409,24 @@ def main() -> None:
     print(f"{time.process_time() - started:.0f} CPU seconds")
     name = "coverage" if arguments.family == "reported" else "coverage-tuning"
     results.write(name, {"repetitions": arguments.repetitions, "cells": [asdict(cell) for cell in cells]})
+    results.write_table(name, [_published(cell) for cell in cells])
+
+
+def _published(cell: Cell) -> JsonObject:
+    """Return the figures of a cell that docs/coverage.csv keeps."""
+    return {
+        "quantity": cell.quantity,
+        "design": cell.design,
+        "scores": cell.world,
+        "units": cell.units,
+        "estimand": cell.estimand,
+        "coverage": cell.coverage,
+        "width": cell.width,
+        "width / narrowest other": cell.ratio,
+        "narrowest other": cell.best,
+        "refused": cell.refused,
+        "fails": " ".join(cell.failures),
+    }
 
 
 if __name__ == "__main__":

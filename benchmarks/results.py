@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import platform
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,16 @@ def write(name: str, figures: dict[str, Any]) -> None:
     machine = {"cpus": os.cpu_count(), "load": os.getloadavg()[0], "python": platform.python_version()}
     path = folder / f"{name}.json"
     path.write_text(json.dumps({"machine": machine, **figures}, indent=2) + "\n")
+    print(f"written: {path}")
+
+
+def write_table(name: str, rows: Sequence[JsonObject]) -> None:
+    """Write rows of equal columns as ``var/bench/NAME.csv``, figures with four digits."""
+    path = Path("var/bench") / f"{name}.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
     print(f"written: {path}")
 
 
