@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass
-from typing import ClassVar, Final, Protocol, Self
+from typing import Any, ClassVar, Final, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -251,14 +251,21 @@ class TruthLayer:
 
     def over(self, statics: GroundTruth) -> GroundTruth:
         """Return the whole ground truth. ``statics`` is the ground truth of the scene without its movables."""
+        instances = self._changed(statics.instance_map, self.instances)
+        return GroundTruth(
+            self.classes_over(statics.class_map), instances, self._changed(statics.depth, self.depths), self.persons
+        )
+
+    def classes_over(self, class_map: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the classes alone, (H, W) uint8, over those of the statics."""
+        return self._changed(class_map, self.classes)
+
+    def _changed(self, below: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
         if self.rectangle.empty:
-            return GroundTruth(statics.class_map, statics.instance_map, statics.depth, self.persons)
-        classes, instances, depth = statics.class_map.copy(), statics.instance_map.copy(), statics.depth.copy()
-        inside = self.rectangle.slices
-        classes[inside][self.changed] = self.classes
-        instances[inside][self.changed] = self.instances
-        depth[inside][self.changed] = self.depths
-        return GroundTruth(classes, instances, depth, self.persons)
+            return below
+        changed = below.copy()
+        changed[self.rectangle.slices][self.changed] = values
+        return changed
 
 
 def bounds(mask: NDArray[np.bool_]) -> Rectangle:

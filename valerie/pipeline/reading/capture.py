@@ -128,6 +128,12 @@ class Capture:
         index = seen_from(self.setting, width, height, focal_length_mm=self.focal_length_mm)
         return moved_truth(truth, self.setting, index, self.focal_length_mm)
 
+    def seen_classes(self, reader: ProductReader) -> NDArray[np.uint8]:
+        """Read the classes of `seen_truth` alone: (H, W) uint8, in less time where nothing moves them."""
+        if self.distorted or self.labels is not LabelPolicy.EXACT:
+            return self.seen_truth(reader).class_map
+        return reader.class_map(self.products.truth)
+
     def _truth(self, reader: ProductReader) -> GroundTruth:
         """Read the exact ground truth of the rendered image, or of its scan by a rolling shutter."""
         truth = reader.truth(self.products.truth)

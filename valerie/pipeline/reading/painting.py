@@ -121,7 +121,7 @@ class FramePainter:
         return self._stored("picture", capture, WHOLE, lambda: capture.picture(self._reader))[window]
 
     def _class_map(self, capture: Capture) -> NDArray[np.uint8]:
-        return self._stored("classes", capture, WHOLE, lambda: capture.seen_truth(self._reader).class_map)
+        return self._stored("classes", capture, WHOLE, lambda: capture.seen_classes(self._reader))
 
     def _stored(
         self, what: str, capture: Capture, window: Window, make: Callable[[], NDArray[np.uint8]]

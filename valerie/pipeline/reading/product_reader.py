@@ -68,8 +68,17 @@ class ProductReader:
     def truth(self, digest: str) -> GroundTruth:
         """Read the ground truth of a frame."""
         stored = self._read("truth", digest, codecs.decode_stored_truth)
+        return stored if isinstance(stored, GroundTruth) else stored.layer.over(self._below(stored, digest))
+
+    def class_map(self, digest: str) -> NDArray[np.uint8]:
+        """Read the classes of a frame alone: (H, W) uint8."""
+        stored = self._read("truth", digest, codecs.decode_stored_truth)
         if isinstance(stored, GroundTruth):
-            return stored
+            return stored.class_map
+        return stored.layer.classes_over(self._below(stored, digest).class_map)
+
+    def _below(self, stored: codecs.StoredTruthLayer, digest: str) -> GroundTruth:
+        """Return the truth of the statics below a layer."""
         try:
             statics = self._kept(self._statics, "statics", stored.statics, codecs.decode_truth)
         except MissingInput as error:
@@ -77,7 +86,7 @@ class ProductReader:
             raise MissingInput("truth", digest) from error
         if statics.class_map.shape != stored.layer.size:
             raise MissingInput("truth", digest)
-        return stored.layer.over(statics)
+        return statics
 
     def annotation(self, kind: AnnotationKind, digest: str) -> Annotation:
         """Read an annotation of any kind that is stored."""

@@ -24,6 +24,7 @@ def test_a_close_up_shows_the_person_with_a_margin_and_what_was_found(pipeline: 
         products = frames.get(connection, key).products
     reader = ProductReader(pipeline.context.store)
     truth = reader.truth(products.truth)
+    assert np.array_equal(reader.class_map(products.truth), truth.class_map)
     columns = np.flatnonzero((truth.instance_map == 24001).any(axis=0))
     source = find_picture(pipeline.context, key, kind="errors")
     assert source.prediction is not None
