@@ -29,9 +29,13 @@ def test_the_kept_comparison_of_engines_follows_from_the_kept_rows() -> None:
     assert rounded(json.dumps(compare_kept().to_json())) == rounded(kept)
 
 
-def test_the_page_counts_claims_and_findings_as_the_kept_rows_do() -> None:
-    page = " ".join((ROOT / "docs" / "experiment.md").read_text("utf-8").split())
-    table = EvaluationTable.from_parquet(KEPT / "paper-part.parquet")
+@pytest.mark.parametrize(
+    ("name", "heading", "sites"), [("paper-streets", "Ten streets", 10), ("paper-part", "One street at full size", 1)]
+)
+def test_the_page_counts_claims_and_findings_as_the_kept_rows_do(name: str, heading: str, sites: int) -> None:
+    page = " ".join((ROOT / "docs" / "experiment.md").read_text("utf-8").split()).partition(f"### {heading}")[2]
+    table = EvaluationTable.from_parquet(KEPT / f"{name}.parquet")
+    assert len({design.site for design in table.designs.values()}) == sites
     outcomes = Counter(entry.outcome for entry in write_ledger(read_claims(Path(CLAIMS)), table))
     written = re.search(
         r"(\d+) claims reproduced, (\d+) not, (\d+) undecided, (\d+) not testable; (\d+) are slips", page

@@ -55,7 +55,7 @@ def test_findings_of_several_runs_are_those_of_all_their_rows(
     told(invoke, (tmp_path, first), "report", first, second, "--claims", str(claims), "-o", str(page))
     html = page.read_text("utf-8")
     assert "48 frames of 2 runs" in html
-    assert f"{second} (asset box-street)" in html
+    assert f"{second} (box-street)" in html
     assert "nothing but site or draw" in html
     with pytest.raises(InvalidInput, match="several runs are compared"):
         told(invoke, (tmp_path, first), "report", first, second, "--beside", first)

@@ -11,7 +11,7 @@ from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.seeing import Seeing
 from valerie.analysis.rows.frame_counts import ALL
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.analysis.wording import percent, points, setting_labels
+from valerie.analysis.wording import percent, place_noun, points, setting_labels
 from valerie.statistics.units import Estimand
 from valerie.statistics.verdicts import Outcome
 
@@ -36,8 +36,8 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
         for row in seen_together
     ]
     if findings:
-        are = "finding is" if findings == 1 else "findings are"
-        sentences.append(f"{findings:,} {are} confirmed by places that had no part in the search.")
+        are, places = "finding is" if findings == 1 else "findings are", place_noun(source.findings.items[0].estimand)
+        sentences.append(f"{findings:,} {are} confirmed by {places} that had no part in the search.")
     elif source.findings.comparisons:
         sentences.append("No finding is confirmed.")
     sentences.append(_counted("Claims", [str(entry.outcome) for entry in source.ledger]))

@@ -311,9 +311,13 @@ def _sample(results: RunResults) -> dict[str, str]:
     """Return the facts about runs that are taken together: title to text; none of a single run."""
     if len(results.runs) == 1:
         return {}
-    further = [f"{row.id} (asset {row.spec.asset})" for row in results.runs[1:]]
+    further = []
+    for row in results.runs[1:]:
+        asset = row.spec.asset
+        text = asset if isinstance(asset, str) else ", ".join(f"{key} {value}" for key, value in asset.items())
+        further.append(f"{row.id} ({text})")
     return {
-        "Taken together with": ", ".join(further),
+        "Taken together with": "; ".join(further),
         "What else differs": "; ".join(results.differing) or "nothing but site or draw",
     }
 
