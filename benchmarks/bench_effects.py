@@ -219,7 +219,7 @@ def _two_runs(name: str, world: World, places: int, repetitions: int) -> Row:
 
 def sites_and_designs(repetitions: int) -> Iterator[Row]:
     for name, world in WORLDS.items():
-        for sites in (12, 24):
+        for sites in (10, 12, 24):
             title = f"grid of 4 places x 2 suns on {sites} sites"
             yield _no_effect(title, name, partial(_on_sites, world, sites), repetitions)
         yield _no_effect("halton, 256", name, partial(_halton, world, 256), repetitions)
