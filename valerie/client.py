@@ -107,6 +107,23 @@ class Run(_Read):
     finished_at: Moment | None = None
 
 
+class Quota(_Read):
+    """A quota of an owner or a project.
+
+    Attributes:
+        holder: the owner, or ``project NAME``.
+        resource: runs, variants, cpu-hours or gigabytes.
+        used, forecast: what counts for it now, and what unfinished runs will add.
+        limit: of both together.
+    """
+
+    holder: str
+    resource: str
+    used: float
+    forecast: float
+    limit: float
+
+
 class Mark(_Read):
     """Tags and note of a run, a frame or a finding.
 
@@ -414,6 +431,10 @@ class Client:
         filters = {} if tag is None else {"tag": tag}
         for item in islice(self._pages("/v1/runs", page_size=min(limit, 100), **filters), limit):
             yield _validated(Run, item)
+
+    def quotas(self) -> list[Quota]:
+        """Return the caller's quotas and those of its project; for the operator those of all that have runs."""
+        return [_validated(Quota, quota) for quota in self._send("GET", "/v1/quotas").json()]
 
     def marks(self, run_id: str) -> list[Mark]:
         """Return the tags and notes on a run, its frames and its findings."""

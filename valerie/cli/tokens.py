@@ -1,4 +1,4 @@
-"""Commands that issue, list and revoke tokens of the API, in the database of the deployment."""
+"""Commands that issue, list and revoke tokens of the API in the database of the deployment, and that show quotas."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli.shell import AsJson, DataDir
+from valerie.cli.shell import AsJson, DataDir, Url, say
 from valerie.local.deployment import context_of
 
 app = typer.Typer(no_args_is_help=True, help="Manage tokens of the API, each with an owner and a role.")
@@ -76,3 +76,23 @@ def revoke(name: _Name, data_dir: DataDir = None) -> None:
     with context_of(data_dir) as context:
         revoke_token(context, name)
     typer.echo(f"revoked: {name}")
+
+
+def quota(as_json: AsJson = False, url: Url = None, data_dir: DataDir = None) -> None:
+    """Show what counts for the quotas of your token and its project; for the operator all quotas.
+
+    The operator sets them: docs/operations.md#quotas.
+    """
+    from valerie.cli.connecting import source_of
+
+    with source_of(data_dir, url) as source:
+        quotas = source.quotas()
+    if as_json:
+        typer.echo(json.dumps([quota.model_dump() for quota in quotas], ensure_ascii=False))
+        return
+    if not quotas:
+        say("no quotas")
+    for each in quotas:
+        digits = 0 if each.resource in ("runs", "variants") else 2
+        ahead = f", {each.forecast:,.{digits}f} forecast for unfinished runs" if each.forecast else ""
+        typer.echo(f"{each.holder:<24} {each.resource:<9} {each.used:,.{digits}f} of {each.limit:,.{digits}f}{ahead}")

@@ -34,6 +34,7 @@ from valerie.measures import ColumnType, Source, measures_from
 from valerie.parameters.definitions import Value
 from valerie.perception.documents.function import FunctionDocument
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.forecasting.costs import Cost
 from valerie.runs.marks import MarkKind
 from valerie.runs.products.pins import AnyOffer, Pins
 from valerie.runs.products.progress import BlockCounts, Progress
@@ -43,7 +44,7 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
-REVISION: Final = "projects"
+REVISION: Final = "quotas"
 #: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -131,11 +132,27 @@ class Run(Base):
     project: Mapped[str] = mapped_column(String(64), server_default="")
     #: Runs of one tenant share products; see `valerie.runs.products.inputs.ProductInputs`.
     tenant: Mapped[str] = mapped_column(String(64), server_default="")
+    #: Of its products that were not stored when it was submitted; None where no quota asked for it.
+    forecast: Mapped[Cost | None] = mapped_column(JsonDocument(Cost))
     created_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
 
     __table_args__ = (Index("ix_runs_state", "state"), Index("ix_runs_created_at", "created_at"))
+
+
+class DeletedRun(Base):
+    """What a deleted run took, which counts for quotas as long as if it were there."""
+
+    __tablename__ = "deleted_runs"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    owner: Mapped[str] = mapped_column(String(200))
+    project: Mapped[str] = mapped_column(String(64))
+    #: CPU time of the products that only this run of its owner and project needed.
+    cpu_seconds: Mapped[float] = mapped_column(Float)
+    #: End of the run, Unix seconds.
+    finished_at: Mapped[float] = mapped_column(Float)
 
 
 class FedBlock(Base):

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Set
+from collections.abc import Collection, Iterator, Set
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
-from sqlalchemy import ColumnElement, Connection, Subquery, and_, delete, func, insert, select, union, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Select,
+    Subquery,
+    and_,
+    case,
+    delete,
+    func,
+    insert,
+    select,
+    union,
+    update,
+)
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db import marks
 from valerie.db.links import PRODUCT_LINKS
 from valerie.db.models import (
     Assignment,
+    DeletedRun,
     Evaluation,
     FedBlock,
     Frame,
@@ -26,6 +40,7 @@ from valerie.db.models import (
 from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.statements import Seen, newest_first, within
 from valerie.errors import Conflict, NotFound
+from valerie.runs.forecasting.costs import Cost
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.progress import Progress
 from valerie.runs.products.states import UPLOADED_ROUTE, Priority, ProductKind, ProductState, RunState
@@ -54,6 +69,7 @@ class SubmittedRun:
     owner: str | None
     project: str
     tenant: str
+    forecast: Cost | None
     created_at: datetime
 
 
@@ -88,22 +104,12 @@ class Unfinished(NamedTuple):
     Attributes:
         runs: their number.
         variants: number of their variants.
+        forecast: what the rest of them is forecast to take.
     """
 
     runs: int
     variants: int
-
-
-class Made(NamedTuple):
-    """The products of some runs, each counted once, also if other runs share it.
-
-    Attributes:
-        cpu_seconds: CPU time that made them.
-        bytes: size of those that are stored.
-    """
-
-    cpu_seconds: float
-    bytes: int
+    forecast: Cost
 
 
 class Fed(NamedTuple):
@@ -308,28 +314,94 @@ def count_by_state(connection: Connection) -> dict[RunState, int]:
     return {state: count for state, count in rows}  # noqa: C416  # mypy reads the types of rows
 
 
-def unfinished(connection: Connection, *, owner: str | None = None, project: str = "") -> Unfinished:
-    """Return what an owner or a project has unfinished; also paused runs, which may go on by themselves."""
-    columns = func.count(), func.coalesce(func.sum(Run.variant_count), 0)
-    query = select(*columns).where(Run.state.in_(ACTIVE), _held(owner, project))
-    count, variants = connection.execute(query).one()
-    return Unfinished(count, int(variants))
+def unfinished(
+    connection: Connection, *, owner: str | None = None, project: str = "", besides: str = ""
+) -> Unfinished:
+    """Return what an owner or a project has unfinished; also paused runs, which may go on by themselves.
+
+    Args:
+        connection: to read with.
+        owner: of the runs; None: all.
+        project: of the runs; empty: all.
+        besides: id of a run that is not counted.
+    """
+    columns = Run.variant_count, Run.forecast, Run.progress
+    query = select(*columns).where(Run.state.in_(ACTIVE), Run.id != besides, _held(Run, owner, project))
+    rows = connection.execute(query).all()
+    rests = [rest(forecast, progress) for _, forecast, progress in rows]
+    return Unfinished(
+        len(rows),
+        sum(variants for variants, _, _ in rows),
+        Cost(sum(each.cpu_seconds for each in rests), sum(each.bytes for each in rests)),
+    )
 
 
-def made(connection: Connection, *, owner: str | None = None, project: str = "", since: datetime | None = None) -> Made:
-    """Return what the products of all runs of an owner or a project took, or of those submitted after ``since``."""
-    held = [_held(owner, project)] if since is None else [_held(owner, project), Run.created_at > since]
-    links = union(
-        *(select(column).join(Run, Run.id == table.run_id).where(*held) for table, column in PRODUCT_LINKS)
-    ).subquery()
-    sums = func.sum(Product.cpu_seconds), func.sum(Product.bytes)
+def rest(forecast: Cost | None, progress: Progress | None) -> Cost:
+    """Return the part of a run's forecast that is ahead of it; nothing without a forecast."""
+    left = 1.0 if progress is None else progress.left
+    return Cost(0.0, 0.0) if forecast is None else Cost(forecast.cpu_seconds * left, forecast.bytes * left)
+
+
+def made(connection: Connection, *, owner: str | None = None, project: str = "", since: float = 0.0) -> Cost:
+    """Return the CPU time that the products of an owner or a project took, and the size of those that are stored.
+
+    A product counts once and in full, also if runs of others share it. CPU time counts after its run is deleted.
+
+    Args:
+        connection: to read with.
+        owner: of the runs; None: all.
+        project: of the runs; empty: all.
+        since: Unix seconds; CPU time of what was made before does not count.
+    """
+    links = union(*_links_of_runs(_held(Run, owner, project))).subquery()
+    sums = (
+        func.sum(case((Product.finished_at >= since, Product.cpu_seconds))),
+        func.sum(case((Product.state == ProductState.DONE, Product.bytes))),
+    )
     seconds, size = connection.execute(select(*sums).join(links, links.c[0] == Product.digest)).one()
-    return Made(float(seconds or 0.0), int(size or 0))
+    of_deleted = DeletedRun.finished_at >= since, _held(DeletedRun, owner, project)
+    deleted = connection.scalar(select(func.sum(DeletedRun.cpu_seconds)).where(*of_deleted))
+    return Cost(float(seconds or 0.0) + float(deleted or 0.0), float(size or 0.0))
 
 
-def _held(owner: str | None, project: str) -> ColumnElement[bool]:
+def remember(connection: Connection, run: RunRow, *, since: float, now: float) -> None:
+    """Keep the CPU time of a run that is about to be deleted, for `made`; forget that of runs that ended before ``since``.
+
+    What other runs of its owner and project share counts with them.
+    """
+    others = Run.owner == run.owner, Run.project == run.project, Run.id != run.id
+    own = links_of(run.id)
+    shared = union(*_links_of_runs(*others)).subquery()
+    seconds = connection.scalar(
+        select(func.sum(Product.cpu_seconds))
+        .join(own, own.c[0] == Product.digest)
+        .outerjoin(shared, shared.c[0] == Product.digest)
+        .where(Product.finished_at >= since, shared.c[0].is_(None))
+    )
+    ended = run.finished_at.timestamp() if run.finished_at else now
+    connection.execute(delete(DeletedRun).where((DeletedRun.finished_at < since) | (DeletedRun.id == run.id)))
+    connection.execute(
+        insert(DeletedRun).values(
+            id=run.id, owner=run.owner, project=run.project, cpu_seconds=float(seconds or 0.0), finished_at=ended
+        )
+    )
+
+
+def holders(connection: Connection) -> list[tuple[str, str]]:
+    """Return the owners of runs with their projects, sorted; the operator is none."""
+    query = select(Run.owner, Run.project).distinct().where(Run.owner.is_not(None)).order_by(Run.owner, Run.project)
+    return [(str(owner), project) for owner, project in connection.execute(query)]
+
+
+def _links_of_runs(*conditions: ColumnElement[bool]) -> Iterator[Select[tuple[str]]]:
+    """Yield queries of the digests that runs link to."""
+    for table, column in PRODUCT_LINKS:
+        yield select(column).join(Run, Run.id == table.run_id).where(*conditions)
+
+
+def _held(table: type[Run | DeletedRun], owner: str | None, project: str) -> ColumnElement[bool]:
     """Return the condition that a run is of an owner, if one is given, and of a project."""
-    return within(Run, project) if owner is None else and_(Run.owner == owner, within(Run, project))
+    return within(table, project) if owner is None else and_(table.owner == owner, within(table, project))
 
 
 def change_state(

@@ -26,7 +26,7 @@ from sqlalchemy import (
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import InstrumentedAttribute
 
-from valerie.db.models import Base, Product, Run, Study
+from valerie.db.models import Base, DeletedRun, Product, Run, Study
 from valerie.runs.products.states import ProductState
 
 #: A row of a table; its fields name columns.
@@ -78,7 +78,7 @@ def in_order(connection: Connection, *conditions: ColumnElement[bool] | TextClau
     return Product.digest.in_(select(rows.c.digest))
 
 
-def within(table: type[Run | Study], project: str) -> ColumnElement[bool]:
+def within(table: type[Run | DeletedRun | Study], project: str) -> ColumnElement[bool]:
     """Return the condition that a row is of a project; true of all rows if it is empty."""
     return table.project == project if project else true()
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from valerie.client import Failure, Frame, Progress, Run, RunSummary, Study, StudyBatch, StudyKnown, StudyOutcomes
+from valerie.client import Failure, Frame, Progress, Quota, Run, RunSummary, Study, StudyBatch, StudyKnown, StudyOutcomes
 from valerie.runs.products.states import RunState
 
 if TYPE_CHECKING:
@@ -43,6 +44,15 @@ class Folder:
             rows = runs.page(connection, limit=limit, tag=tag)
             tags = marks.tags_of_runs(connection, [row.id for row in rows])
         return [_run(row, tags.get(row.id, ())) for row in rows]
+
+    def quotas(self) -> list[Quota]:
+        """Return the quotas of all owners and projects that have runs."""
+        from valerie.db.engine import reading
+        from valerie.pipeline.control.quotas import quotas_of
+
+        with reading(self._context.engine) as connection:
+            quotas = quotas_of(connection, self._context.settings, None, "")
+        return [Quota(**asdict(quota)) for quota in quotas]
 
     def run(self, run_id: str) -> Run:
         """Return a run."""

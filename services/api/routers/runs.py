@@ -96,8 +96,8 @@ Spec = Annotated[RunSpec, Depends(_spec)]
     responses={**problems(413, 422), **example(PLAN)},
     summary="Size and cost of a run before it is submitted; stores nothing",
 )
-def plan(spec: Spec, context: ContextDependency, project: ProjectDependency) -> Plan:
-    return plan_run(context, spec, project=project)
+def plan(spec: Spec, context: ContextDependency, owner: OwnerDependency, project: ProjectDependency) -> Plan:
+    return plan_run(context, spec, owner=owner, project=project)
 
 
 @router.post(

@@ -1,4 +1,4 @@
-"""Rights of the caller; tokens of the API and the audit log, for admins."""
+"""Rights and quotas of the caller; tokens of the API and the audit log, for admins."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 
-from services.api.dependencies import ContextDependency, Limit
+from services.api.dependencies import ContextDependency, Limit, OwnerDependency, ProjectDependency
 from services.api.openapi import gives, problems
 from services.api.roles import refused
-from services.api.schemas.tokens import AccessRead, AuditRead, TokenIssued, TokenRead
+from services.api.schemas.tokens import AccessRead, AuditRead, QuotaRead, TokenIssued, TokenRead
 from valerie.access import Caller
 from valerie.db import audit, tokens
 from valerie.db.engine import reading
+from valerie.pipeline.control.quotas import quotas_of
 from valerie.pipeline.control.tokens import NAME, TokenRequest, issue, revoke
 
 router = APIRouter(prefix="/v1", tags=["tokens"])
@@ -23,6 +24,13 @@ router = APIRouter(prefix="/v1", tags=["tokens"])
 def access(request: Request) -> AccessRead:
     caller: Caller = request.state.caller
     return AccessRead(role=caller.role, project=caller.project, refused=refused(caller.role))
+
+
+@router.get("/quotas", responses=problems(422), summary="The caller's quotas, and its project's; for the operator all")
+def read_quotas(context: ContextDependency, owner: OwnerDependency, project: ProjectDependency) -> list[QuotaRead]:
+    with reading(context.engine) as connection:
+        quotas = quotas_of(connection, context.settings, owner, project)
+    return [QuotaRead.model_validate(quota) for quota in quotas]
 
 
 @router.get("/tokens", responses=problems(422), summary="All tokens without their secrets")

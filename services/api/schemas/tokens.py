@@ -10,6 +10,7 @@ from services.api.schemas.base import Read
 from valerie.access import Role
 from valerie.document import Document
 from valerie.errors import InvalidInput
+from valerie.pipeline.control.quotas import Resource
 from valerie.runs.moments import Moment
 
 
@@ -19,6 +20,18 @@ class AccessRead(Read):
     role: Role = Field(examples=["viewer"])
     project: str = Field(description="the only one that exists for it; empty: all do", examples=["radar"])
     refused: list[str] = Field(description="endpoints that need another role", examples=[["POST /v1/runs"]])
+
+
+class QuotaRead(Read):
+    """A quota of an owner or a project, with what counts for it."""
+
+    holder: str = Field(description="an owner, or `project NAME`", examples=["Ada Lovelace"])
+    resource: Resource = Field(examples=["cpu-hours"])
+    used: float = Field(
+        description="unfinished runs, their variants, CPU hours of 30 days, gigabytes stored", examples=[61.5]
+    )
+    forecast: float = Field(description="CPU hours or gigabytes ahead of unfinished runs", examples=[20.25])
+    limit: float = Field(examples=[100.0])
 
 
 class TokenRead(Read):

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from services.api.app import create_app
+from tests.world.boxes import spec, write_box_street
 from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.cli.main import app
@@ -57,3 +58,32 @@ def test_an_unknown_role_is_refused_by_name(folder: Path) -> None:
     assert isinstance(error, InvalidInput)
     assert "role" in str(error)
     assert "king" in str(error)
+
+
+def test_quotas_are_shown_by_a_server_to_their_holder_and_from_the_folder_to_the_operator(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def quota(*arguments: str) -> str:
+        result = CliRunner().invoke(app, ["quota", *arguments, "--data-dir", str(folder)])
+        assert result.exit_code == 0, result.output
+        return result.stdout
+
+    assert quota() == ""
+    eve = call(folder, "create", "eve", "--owner", "Eve", "--role", "runner")
+    write_box_street(folder / "assets" / "box-street")
+    limits = {"max_owner_runs": 9, "max_owner_cpu_hours": 1.5}
+    settings = settings_of(folder, api_token="correct-horse-battery", testing_engines=True, **limits)
+    with served(create_app(settings, control=False), token=eve) as client:
+        assert client.post("/v1/runs", json=spec(xs=2, ys=2)).status_code == httpx.codes.ACCEPTED
+        monkeypatch.setenv("VALERIE_API_TOKEN", eve)
+        runs, hours = json.loads(quota("--url", str(client.base_url), "--json"))
+        lines = quota("--url", str(client.base_url)).splitlines()
+    assert (runs["holder"], runs["resource"], runs["used"], runs["limit"]) == ("Eve", "runs", 1, 9)
+    assert (hours["resource"], hours["used"], hours["limit"]) == ("cpu-hours", 0, 1.5)
+    assert hours["forecast"] > 0
+    assert [line.split()[:5] for line in lines] == [
+        ["Eve", "runs", "1", "of", "9"],
+        ["Eve", "cpu-hours", "0.00", "of", "1.50,"],
+    ]
+    monkeypatch.setenv("VALERIE_MAX_OWNER_RUNS", "9")
+    assert quota().split() == ["Eve", "runs", "1", "of", "9"]

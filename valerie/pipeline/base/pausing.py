@@ -1,4 +1,4 @@
-"""Pause runs while no result can be stored; the control loop resumes them."""
+"""Pause runs while no result can be stored or a quota is used up; the control loop resumes them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.runs.products.states import RunState
 
-#: Beginning of the reason of a pause that ends automatically.
+#: Beginnings of the reasons of pauses that end automatically.
 STORAGE_REASON: Final = "storage: "
+QUOTA_REASON: Final = "quota: "
 
 
 def pause_for_storage(context: Context, error: ValerieError) -> None:

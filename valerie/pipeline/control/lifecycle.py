@@ -15,7 +15,7 @@ from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.sending import send_ready
-from valerie.pipeline.control.quotas import require_quota
+from valerie.pipeline.control.quotas import CPU_PERIOD, limits_costs, require_quota, require_room
 from valerie.runs.products.progress import FrameProgress, Progress, VariantProgress
 from valerie.runs.products.states import ProductState, RunState
 from valerie.storage.keys import run_prefix
@@ -67,7 +67,7 @@ def resume(context: Context, run_id: str) -> None:
 
     Raises:
         NotFound, Conflict: no such run, or it is neither paused nor cancelled.
-        QuotaExceeded: its owner or project has too much unfinished.
+        QuotaExceeded: a quota of its owner or project has no room for it.
     """
     _restart(context, run_id, expected=_RESUMABLE, states=(ProductState.PARKED,))
 
@@ -77,7 +77,7 @@ def retry(context: Context, run_id: str) -> None:
 
     Raises:
         NotFound, Conflict: no such run, or its state allows no retry.
-        QuotaExceeded: its owner or project has too much unfinished.
+        QuotaExceeded: a quota of its owner or project has no room for it.
     """
     _restart(context, run_id, expected=_RETRYABLE, states=(ProductState.PARKED, ProductState.FAILED))
 
@@ -92,6 +92,9 @@ def delete(context: Context, run_id: str) -> None:
         run = runs.get(connection, run_id)
         if run.state in runs.ACTIVE:
             raise Conflict(f"run {run_id} is {run.state}: cancel it before deleting it")
+        if limits_costs(context.settings, run.owner, run.project):
+            now = database_time(connection)
+            runs.remember(connection, run, since=now - CPU_PERIOD.total_seconds(), now=now)
         runs.remove(connection, run_id)
     context.store.delete(info.key for info in list(context.store.list(run_prefix(run_id).rstrip("/"))))
 
@@ -103,6 +106,8 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
         run = runs.get(connection, run_id)
         if run.state not in runs.ACTIVE:
             require_quota(connection, context.settings, run)
+        elif run.state is RunState.PAUSED:
+            require_room(connection, context.settings, run)
         pins = run.pins
         state = RunState.SUBMITTED if pins is None else RunState.RUNNING
         if pins is not None:

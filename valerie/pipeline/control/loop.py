@@ -19,16 +19,25 @@ import structlog
 from valerie.db import processes, products, runs, sweeping, totals
 from valerie.db.engine import database_moment, database_time, reading, writing
 from valerie.db.runs import RunRow
-from valerie.errors import Conflict, NotFound, StorageFull, StorageUnavailable, TransientError, ValerieError
+from valerie.errors import (
+    Conflict,
+    NotFound,
+    QuotaExceeded,
+    StorageFull,
+    StorageUnavailable,
+    TransientError,
+    ValerieError,
+)
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
-from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
+from valerie.pipeline.base.pausing import QUOTA_REASON, STORAGE_REASON, pause_for_storage
 from valerie.pipeline.base.pinning import PinChoice, choose_pins
 from valerie.pipeline.base.sending import send_ready
 from valerie.pipeline.control import feeding, webhooks
 from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress_counting import ProgressBook
+from valerie.pipeline.control.quotas import exhausted, limits_costs
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
 from valerie.runs.products.pins import Offer
@@ -37,7 +46,7 @@ from valerie.runs.products.states import RunState
 log = structlog.get_logger()
 
 ROLE: Final = "control"
-#: Seconds between two checks of the store while runs are paused for lack of space.
+#: Seconds between two checks of quotas, and of the store while runs are paused for lack of space.
 _PROBE_SECONDS: Final = 5.0
 
 
@@ -61,8 +70,10 @@ class ControlLoop:
         self._advancing = _Aside(proposer, self._advance_studies)
         courier = ThreadPoolExecutor(1, thread_name_prefix="webhooks")
         self._delivering = _Aside(courier, lambda: webhooks.deliver(context))
+        # Adding up what a large run took may last longer than a lease.
+        self._keeping = _Aside(ThreadPoolExecutor(1, thread_name_prefix="quotas"), self._keep_quotas)
         self._finish_sent: dict[str, float] = {}
-        self._next_sweep = self._next_probe = self._next_count = -math.inf
+        self._next_sweep = self._next_probe = self._next_count = self._next_quota = -math.inf
 
     def wake(self) -> None:
         """Begin the next round at once, because something was submitted."""
@@ -88,6 +99,7 @@ class ControlLoop:
                 self._wake.clear()
         self._advancing.end()
         self._delivering.end()
+        self._keeping.end()
         try:
             with writing(self._context.engine) as connection:
                 processes.release_lease(connection, ROLE, owner=self._context.owner)
@@ -101,7 +113,7 @@ class ControlLoop:
         """
         elapsed = self._context.elapsed()
         if everything:
-            self._next_count = self._next_sweep = self._next_probe = elapsed
+            self._next_count = self._next_sweep = self._next_probe = self._next_quota = elapsed
         with writing(self._context.engine) as connection:
             now = database_time(connection)
             held = processes.hold_lease(
@@ -133,6 +145,8 @@ class ControlLoop:
             self._guard_space()
             if self._settings.webhook_urls:
                 self._delivering.begin(wait=everything)
+        if elapsed >= self._next_quota and any(self._is_limited(run) for run in running + paused):
+            self._keeping.begin(wait=everything)
         if paused and elapsed >= self._next_probe:
             self._resume_when_possible(paused)
             self._next_probe = elapsed + _PROBE_SECONDS
@@ -293,8 +307,44 @@ class ControlLoop:
         except (StorageFull, StorageUnavailable):
             return
         for run in waiting:
-            with suppress(Conflict, NotFound):  # a user was faster
+            try:
                 resume(self._context, run.id)
+            except QuotaExceeded as error:  # from now on, it waits for that
+                self._pause(run.id, str(error), expected=RunState.PAUSED)
+            except (Conflict, NotFound):  # a user was faster
+                pass
+
+    # -- quotas ----------------------------------------------------------------------------------------------------------
+
+    def _is_limited(self, run: RunRow) -> bool:
+        # A quota that paused a run may have been lifted since.
+        return limits_costs(self._settings, run.owner, run.project) or _waits_for_quota(run)
+
+    def _keep_quotas(self) -> None:
+        """Pause the runs of owners and projects that have used up CPU hours or bytes, and resume those that have room again.
+
+        That takes at most a tenth of the time.
+        """
+        started = self._context.elapsed()
+        try:
+            with reading(self._context.engine) as connection:
+                active = runs.in_states(connection, (RunState.RUNNING, RunState.PAUSED))
+                reasons = exhausted(connection, self._settings, active)
+            for run in active:
+                if run.state is RunState.RUNNING and run.id in reasons:
+                    self._pause(run.id, reasons[run.id], expected=RunState.RUNNING)
+                elif run.id not in reasons and _waits_for_quota(run):
+                    with suppress(Conflict, NotFound):  # a user was faster
+                        resume(self._context, run.id)
+        finally:
+            elapsed = self._context.elapsed()
+            self._next_quota = elapsed + max(_PROBE_SECONDS, 10 * (elapsed - started))
+
+    def _pause(self, run_id: str, reason: str, *, expected: RunState) -> None:
+        with writing(self._context.engine) as connection:
+            runs.change_state(
+                connection, run_id, expected=(expected,), state=RunState.PAUSED, reason=QUOTA_REASON + reason
+            )
 
 
 class _Aside:
@@ -316,6 +366,10 @@ class _Aside:
     def end(self) -> None:
         """Wait for the work's end; it does not begin again."""
         self._executor.shutdown()
+
+
+def _waits_for_quota(run: RunRow) -> bool:
+    return run.state is RunState.PAUSED and (run.reason or "").startswith(QUOTA_REASON)
 
 
 def _require_space(context: Context) -> None:

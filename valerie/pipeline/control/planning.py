@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from sqlalchemy import Connection
+
 from valerie.db import processes, runs, totals
 from valerie.db.engine import database_time, reading
 from valerie.perception.documents.function import FunctionDocument
@@ -13,21 +15,23 @@ from valerie.perception.shipped import FUNCTIONS, function_document
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
+from valerie.pipeline.control import quotas
 from valerie.pipeline.functions import registry
 from valerie.runs.forecasting.costs import Cost, CostKey, CostTable
-from valerie.runs.forecasting.forecast import Plan, plan
+from valerie.runs.forecasting.forecast import EXACT_FRAMES, Plan, plan
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.states import EVAL_QUEUE, ProductKind
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 from valerie.scene.assets.asset import is_generated, pack_settings, parse_reference
 
 
-def plan_run(context: Context, spec: RunSpec, *, project: str = "") -> Plan:
+def plan_run(context: Context, spec: RunSpec, *, owner: str | None = None, project: str = "") -> Plan:
     """Plan a spec; stores nothing.
 
     Args:
         context: of the deployment.
         spec: of the run.
+        owner: of the token that would submit it; None: the operator.
         project: that would submit it; only what its tenant shares counts as stored. Empty: none.
 
     Raises:
@@ -39,19 +43,30 @@ def plan_run(context: Context, spec: RunSpec, *, project: str = "") -> Plan:
         names = registry.names(connection, registered)
         resolved = resolve_new(spec, context.settings, registered=names)
         pins = choose_pins(spec, offers, registered).pins
-        recorded = totals.recorded_costs(connection)
-
-        def present(digests: set[str]) -> set[str]:
-            return totals.done_digests(connection, digests)
-
         twin = runs.latest_of(connection, resolved.spec.digest, project=project)
-        tenant = context.settings.tenant_of(project)
-        made = plan(resolved, pins=pins, tenant=tenant, present=present, costs=_costs(resolved, pins, recorded))
+        made = _planned(connection, resolved, pins, context.settings.tenant_of(project), EXACT_FRAMES)
+        refusals = quotas.refusals(
+            connection, context.settings, made.variants, made.known_cost, owner=owner, project=project
+        )
     shipped = {name: function_document(name) for name in spec.functions if name in FUNCTIONS}
     warnings = (*made.warnings, *_on_training_sites(spec, shipped | registered))
     if twin is not None:
         warnings += (f"run {twin} has this spec already, and another one has the same results",)
+    warnings += tuple(f"it would be refused: {reason}" for reason in refusals)
     return made.model_copy(update={"warnings": warnings})
+
+
+def forecast(connection: Connection, resolved: ResolvedRun, pins: Pins | None, tenant: str) -> Cost:
+    """Return what a run will take, from a sample that is examined within a second; costs that are guesses are left out."""
+    return _planned(connection, resolved, pins, tenant, _FORECAST_FRAMES).known_cost
+
+
+def _planned(connection: Connection, resolved: ResolvedRun, pins: Pins | None, tenant: str, exact_frames: int) -> Plan:
+    def present(digests: set[str]) -> set[str]:
+        return totals.done_digests(connection, digests)
+
+    costs = _costs(resolved, pins, totals.recorded_costs(connection))
+    return plan(resolved, pins=pins, tenant=tenant, present=present, costs=costs, exact_frames=exact_frames)
 
 
 def _on_training_sites(spec: RunSpec, documents: Mapping[str, FunctionDocument]) -> Iterator[str]:
@@ -66,6 +81,8 @@ def _on_training_sites(spec: RunSpec, documents: Mapping[str, FunctionDocument])
 
 #: Number of products from which their mean replaces the shipped table.
 _MANY: Final = 3
+#: Largest number of frames that a submission examines.
+_FORECAST_FRAMES: Final = 4_000
 
 
 def _costs(resolved: ResolvedRun, pins: Pins | None, recorded: list[totals.RecordedCost]) -> CostTable:

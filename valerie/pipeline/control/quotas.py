@@ -2,57 +2,130 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
+from enum import StrEnum
 from typing import Final
 
 from sqlalchemy import Connection
 
 from valerie.db import runs, tokens
-from valerie.db.engine import database_moment
-from valerie.db.runs import SubmittedRun
+from valerie.db.engine import database_time
+from valerie.db.runs import RunRow, SubmittedRun
 from valerie.errors import InvalidInput, QuotaExceeded
+from valerie.runs.forecasting.costs import Cost
 from valerie.settings import Settings
 
-#: Runs submitted within this time count for the quota of CPU hours.
+#: Products made within this time count for the quota of CPU hours.
 CPU_PERIOD: Final = timedelta(days=30)
+
+
+class Resource(StrEnum):
+    """What a quota limits."""
+
+    RUNS = "runs"
+    VARIANTS = "variants"
+    CPU_HOURS = "cpu-hours"
+    GIGABYTES = "gigabytes"
+
+
+#: What a run's forecast counts for.
+_COSTS: Final = frozenset((Resource.CPU_HOURS, Resource.GIGABYTES))
+
+
+@dataclass(frozen=True, slots=True)
+class Quota:
+    """One quota of an owner or a project, and what counts for it.
+
+    Attributes:
+        holder: the owner, or ``project NAME``.
+        resource: what is limited.
+        used: unfinished runs, their variants, CPU hours of 30 days, or gigabytes stored.
+        forecast: CPU hours or gigabytes that unfinished runs are yet to take.
+        limit: of both together.
+    """
+
+    holder: str
+    resource: Resource
+    used: float
+    forecast: float
+    limit: float
+
+    @property
+    def exhaustion(self) -> str | None:
+        """Why no run may go on, in words; None if there is room."""
+        if self.used < self.limit:
+            return None
+        if self.resource is Resource.CPU_HOURS:
+            took = f"took {_number(self.used)} CPU hours in {CPU_PERIOD.days} days"
+            return f"runs of {self.holder} {took}; limit: {self.limit:g}"
+        if self.resource is Resource.GIGABYTES:
+            return f"runs of {self.holder} store {_number(self.used)} GB; limit: {self.limit:g}; delete runs to make room"
+        return None  # a run that has begun is counted
+
+    def refusal(self, more: float) -> str | None:
+        """Why a run that takes ``more`` may not start, in words; None if it may."""
+        total = self.used + self.forecast + more
+        if self.exhaustion is not None or total <= self.limit:
+            return self.exhaustion
+        if self.resource not in _COSTS:
+            what = "unfinished runs" if self.resource is Resource.RUNS else "variants in unfinished runs"
+            return f"{self.holder} would have {total:,.0f} {what}; limit: {self.limit:,.0f}"
+        if self.resource is Resource.CPU_HOURS:
+            would, done = f"take {_number(total)} CPU hours in {CPU_PERIOD.days} days", "taken"
+        else:
+            would, done = f"store {_number(total)} GB", "stored"
+        parts = f"{_number(self.used)} {done}, {_number(self.forecast)} forecast for unfinished runs"
+        return f"runs of {self.holder} would {would}: {parts}, {_number(more)} for this one; limit: {self.limit:g}"
 
 
 @dataclass(frozen=True, slots=True)
 class _Holder:
-    """An owner or a project with its limits; 0 is none."""
+    """An owner or a project."""
 
-    name: str
     owner: str | None
     project: str
-    runs: int
-    variants: int
-    cpu_hours: float
-    gigabytes: float
 
     @property
-    def limited(self) -> bool:
-        return any((self.runs, self.variants, self.cpu_hours, self.gigabytes))
+    def name(self) -> str:
+        return f"project {self.project}" if self.owner is None else self.owner
 
-    def excesses(self, connection: Connection, run: SubmittedRun, now: datetime) -> Iterator[str]:
-        """Yield each quota that one more run exceeds, in words."""
-        if self.runs or self.variants:
-            used = runs.unfinished(connection, owner=self.owner, project=self.project)
-            for quota, use, limit in (
-                ("unfinished runs", used.runs + 1, self.runs),
-                ("variants in unfinished runs", used.variants + run.variant_count, self.variants),
-            ):
-                if limit and use > limit:
-                    yield f"{self.name} would have {use:,} {quota}; limit: {limit:,}"
-        if self.cpu_hours:
-            made = runs.made(connection, owner=self.owner, project=self.project, since=now - CPU_PERIOD)
-            if (hours := made.cpu_seconds / 3600) >= self.cpu_hours:
-                yield f"runs of {self.name} took {hours:,.2f} CPU hours in {CPU_PERIOD.days} days; limit: {self.cpu_hours:g}"
-        if self.gigabytes:
-            made = runs.made(connection, owner=self.owner, project=self.project)
-            if (stored := made.bytes / 1e9) >= self.gigabytes:
-                yield f"runs of {self.name} store {stored:,.3f} GB; limit: {self.gigabytes:g}; delete runs to make room"
+    def limits(self, settings: Settings) -> Mapping[Resource, float]:
+        """Return the quotas that are set."""
+        if self.owner is None:
+            limits = {
+                Resource.RUNS: settings.max_project_runs,
+                Resource.VARIANTS: settings.max_project_variants,
+                Resource.CPU_HOURS: settings.max_project_cpu_hours,
+                Resource.GIGABYTES: settings.max_project_gigabytes,
+            }
+        else:
+            limits = {
+                Resource.RUNS: settings.max_owner_runs,
+                Resource.VARIANTS: settings.max_owner_variants,
+                Resource.CPU_HOURS: settings.max_owner_cpu_hours,
+                Resource.GIGABYTES: settings.max_owner_gigabytes,
+            }
+        return {resource: limit for resource, limit in limits.items() if limit}
+
+    def quotas(self, connection: Connection, settings: Settings, *, besides: str = "") -> list[Quota]:
+        """Return the quotas that are set, with what counts; ``besides`` is a run that does not count as unfinished."""
+        limits = self.limits(settings)
+        if not limits:
+            return []
+        unfinished = runs.unfinished(connection, owner=self.owner, project=self.project, besides=besides)
+        made = Cost(0.0, 0.0)
+        if _COSTS & limits.keys():
+            since = database_time(connection) - CPU_PERIOD.total_seconds()
+            made = runs.made(connection, owner=self.owner, project=self.project, since=since)
+        counted = {
+            Resource.RUNS: (unfinished.runs, 0.0),
+            Resource.VARIANTS: (unfinished.variants, 0.0),
+            Resource.CPU_HOURS: (made.cpu_seconds / 3600, unfinished.forecast.cpu_seconds / 3600),
+            Resource.GIGABYTES: (made.bytes / 1e9, unfinished.forecast.bytes / 1e9),
+        }
+        return [Quota(self.name, resource, *counted[resource], limit) for resource, limit in limits.items()]
 
 
 def require_quota(connection: Connection, settings: Settings, run: SubmittedRun) -> None:
@@ -69,13 +142,58 @@ def require_quota(connection: Connection, settings: Settings, run: SubmittedRun)
     Raises:
         QuotaExceeded: with the quota, the value and the limit.
     """
-    holders = [holder for holder in _holders(settings, run.owner, run.project) if holder.limited]
-    if not holders:
-        return
-    tokens.lock(connection, owner=run.owner, project=run.project)
+    holders = [holder for holder in _holders(run.owner, run.project) if holder.limits(settings)]
+    if holders:
+        tokens.lock(connection, owner=run.owner, project=run.project)
+    rest = runs.rest(run.forecast, run.progress if isinstance(run, RunRow) else None)
     for holder in holders:
-        for excess in holder.excesses(connection, run, database_moment(connection)):
-            raise QuotaExceeded(excess)
+        for reason in _refusals(holder.quotas(connection, settings, besides=run.id), run.variant_count, rest):
+            raise QuotaExceeded(reason)
+
+
+def require_room(connection: Connection, settings: Settings, run: SubmittedRun) -> None:
+    """Refuse to go on with a run whose owner or project has used up CPU hours or bytes.
+
+    Raises:
+        QuotaExceeded: with the quota, the value and the limit.
+    """
+    for reason in exhausted(connection, settings, [run]).values():
+        raise QuotaExceeded(reason)
+
+
+def exhausted(connection: Connection, settings: Settings, some: Iterable[SubmittedRun]) -> dict[str, str]:
+    """Return those of some runs, by id, whose owner or project has used up CPU hours or bytes, with the reason."""
+    reasons: dict[_Holder, str | None] = {}
+    found: dict[str, str] = {}
+    for run in some:
+        for holder in _holders(run.owner, run.project):
+            if holder not in reasons:
+                limited = _COSTS & holder.limits(settings).keys()
+                quotas = holder.quotas(connection, settings) if limited else []
+                reasons[holder] = next(filter(None, (quota.exhaustion for quota in quotas)), None)
+            if (reason := reasons[holder]) is not None:
+                found.setdefault(run.id, reason)
+    return found
+
+
+def refusals(
+    connection: Connection, settings: Settings, variants: int, forecast: Cost, *, owner: str | None, project: str
+) -> list[str]:
+    """Return why a run of so many variants and costs would be refused now, in words."""
+    quotas = (holder.quotas(connection, settings) for holder in _holders(owner, project))
+    return [reason for each in quotas for reason in _refusals(each, variants, forecast)]
+
+
+def limits_costs(settings: Settings, owner: str | None, project: str) -> bool:
+    """Return True if the owner or the project has a quota of CPU hours or bytes, so that runs need a forecast."""
+    return any(_COSTS & holder.limits(settings).keys() for holder in _holders(owner, project))
+
+
+def quotas_of(connection: Connection, settings: Settings, owner: str | None, project: str) -> list[Quota]:
+    """Return the quotas of an owner and a project; for the operator those of all that have runs."""
+    pairs = runs.holders(connection) if owner is None else [(owner, project)]
+    holders = dict.fromkeys(holder for pair in pairs for holder in _holders(*pair))
+    return [quota for holder in holders for quota in holder.quotas(connection, settings)]
 
 
 def require_possible_batch(settings: Settings, owner: str | None, project: str, batch: int) -> None:
@@ -89,36 +207,34 @@ def require_possible_batch(settings: Settings, owner: str | None, project: str, 
     Raises:
         InvalidInput: with the size and the quota.
     """
-    for holder in _holders(settings, owner, project):
-        if holder.variants and batch > holder.variants:
+    for holder in _holders(owner, project):
+        limit = holder.limits(settings).get(Resource.VARIANTS)
+        if limit is not None and batch > limit:
             raise InvalidInput(
                 f"a batch is larger than all that {holder.name} may have unfinished",
                 field="batch",
                 value=batch,
-                limit=f"{holder.variants:,} variants (VALERIE_MAX_{'PROJECT' if holder.owner is None else 'OWNER'}_VARIANTS)",
+                limit=f"{limit:,} variants (VALERIE_MAX_{'PROJECT' if holder.owner is None else 'OWNER'}_VARIANTS)",
             )
 
 
-def _holders(settings: Settings, owner: str | None, project: str) -> Iterator[_Holder]:
+def _refusals(quotas: Iterable[Quota], variants: int, forecast: Cost) -> Iterator[str]:
+    more = {
+        Resource.RUNS: 1,
+        Resource.VARIANTS: variants,
+        Resource.CPU_HOURS: forecast.cpu_seconds / 3600,
+        Resource.GIGABYTES: forecast.bytes / 1e9,
+    }
+    return filter(None, (quota.refusal(more[quota.resource]) for quota in quotas))
+
+
+def _number(value: float) -> str:
+    return f"{value:,.2f}" if value >= 1 else f"{value:.2g}"
+
+
+def _holders(owner: str | None, project: str) -> Iterator[_Holder]:
     """Yield the owner and the project of a run; none of an operator's run."""
-    if owner is None:
-        return
-    yield _Holder(
-        owner,
-        owner,
-        "",
-        settings.max_owner_runs,
-        settings.max_owner_variants,
-        settings.max_owner_cpu_hours,
-        settings.max_owner_gigabytes,
-    )
-    if project:
-        yield _Holder(
-            f"project {project}",
-            None,
-            project,
-            settings.max_project_runs,
-            settings.max_project_variants,
-            settings.max_project_cpu_hours,
-            settings.max_project_gigabytes,
-        )
+    if owner is not None:
+        yield _Holder(owner, "")
+        if project:
+            yield _Holder(None, project)

@@ -13,7 +13,8 @@ from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
-from valerie.pipeline.control.quotas import require_quota
+from valerie.pipeline.control.planning import forecast
+from valerie.pipeline.control.quotas import limits_costs, require_quota
 from valerie.pipeline.functions import registry
 from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec
@@ -43,7 +44,7 @@ def submit(
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
         Conflict: the idempotency key belongs to another spec.
-        QuotaExceeded: the owner or the project has too much unfinished.
+        QuotaExceeded: a quota of the owner or the project has no room for it.
         NotFound: ``parent_run`` does not exist.
     """
     with reading(context.engine) as connection:
@@ -53,6 +54,10 @@ def submit(
         names = registry.names(connection, registered)
     resolved = resolve_new(spec, context.settings, registered=names)
     pins, reason = choose_pins(spec, offers, registered)
+    tenant, expected = context.settings.tenant_of(project), None
+    if limits_costs(context.settings, owner, project):
+        with reading(context.engine) as connection:
+            expected = forecast(connection, resolved, pins, tenant)
     run = SubmittedRun(
         id=new_id("r", now),
         name=spec.name,
@@ -68,7 +73,8 @@ def submit(
         priority=priority,
         owner=owner,
         project=project,
-        tenant=context.settings.tenant_of(project),
+        tenant=tenant,
+        forecast=expected,
         created_at=datetime.fromtimestamp(now, UTC),
     )
     # Another project's key must be neither refused nor recognised.

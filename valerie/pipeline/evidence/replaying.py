@@ -121,6 +121,7 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
                 owner=None,
                 project="",
                 tenant="",
+                forecast=None,
                 created_at=facts.created_at,
             )
             with writing(context.engine) as connection:

@@ -23,7 +23,7 @@ from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
 from valerie.perception.base import FunctionCard
 from valerie.runs.document.run_spec import SAMPLED, Retention, RunSpec
-from valerie.runs.forecasting.costs import CostBasis, CostKey, CostTable
+from valerie.runs.forecasting.costs import Cost, CostBasis, CostKey, CostTable
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
 from valerie.runs.products.pins import FunctionPin, Offer, Pins
 from valerie.runs.products.states import ProductKind, Stage
@@ -153,6 +153,12 @@ class Plan(Document):
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
 
+    @property
+    def known_cost(self) -> Cost:
+        """The cost of the remaining products whose costs were measured, here or for the shipped table."""
+        known = [product for product in self.products if product.basis is not CostBasis.GUESSED]
+        return Cost(sum(product.cpu_seconds for product in known), sum(product.bytes for product in known))
+
 
 def plan(
     resolved: ResolvedRun,
@@ -161,6 +167,7 @@ def plan(
     tenant: str = "",
     present: Present | None = None,
     costs: CostTable | None = None,
+    exact_frames: int = EXACT_FRAMES,
 ) -> Plan:
     """Return the size and cost of a run. Nothing is stored, and neither meshes nor OpenGL are needed.
 
@@ -171,6 +178,7 @@ def plan(
         tenant: of the run (`valerie.runs.products.inputs.ProductInputs`).
         present: returns the digests that are stored; None if none is.
         costs: recorded timings; None takes the shipped table.
+        exact_frames: largest number of frames at which all are examined.
     """
     warnings = list(resolved.warnings)
     workers_known = pins is not None
@@ -178,7 +186,7 @@ def plan(
         pins, present = _any_pins(resolved), None
         warnings.append("no running workers offer the renderer and the functions, so stored products are unknown")
     size, moments = resolved.space.size, len(resolved.times.elapsed)
-    extent = _extent(resolved)
+    extent = _extent(resolved, exact_frames)
     survey = _survey(
         resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins, tenant=tenant), extent
     )
@@ -282,9 +290,9 @@ class _Extent:
     scale: float | None
 
 
-def _extent(resolved: ResolvedRun) -> _Extent:
+def _extent(resolved: ResolvedRun, exact_frames: int) -> _Extent:
     size, moments, cameras = resolved.space.size, len(resolved.times.elapsed), len(resolved.cameras)
-    most = EXACT_FRAMES if resolved.times.motion is None else EXACT_MOVING_FRAMES
+    most = exact_frames if resolved.times.motion is None else min(exact_frames, EXACT_MOVING_FRAMES)
     if size * moments * cameras <= most:
         return _Extent(range(size), range(moments), None)
     # Both ends of the sequence are among the moments.

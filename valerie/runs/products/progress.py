@@ -131,3 +131,10 @@ class Progress(Document):
     stages: dict[Stage, StageProgress]
     awaiting: int
     updated_at: float | None
+
+    @property
+    def left(self) -> float:
+        """Share of the work that has not ended, from 0 to 1."""
+        total = sum(stage.total for stage in self.stages.values())
+        ended = sum(stage.done + stage.failed for stage in self.stages.values())
+        return max(0.0, 1 - ended / total) if total else 1.0

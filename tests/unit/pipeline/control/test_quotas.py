@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from datetime import timedelta
+from threading import Event
 
 import pytest
 from sqlalchemy import select
 
 from tests.world.blank import SMALL, Pipeline
+from tests.world.boxes import spec
 from valerie.db import runs
-from valerie.db.engine import database_moment, reading
+from valerie.db.engine import database_time, reading
 from valerie.db.models import Product
-from valerie.errors import Conflict
-from valerie.pipeline.control import lifecycle
+from valerie.errors import Conflict, QuotaExceeded, StorageFull
+from valerie.pipeline.base.pausing import pause_for_storage
+from valerie.pipeline.control import lifecycle, quotas
+from valerie.pipeline.control.gc import collect
+from valerie.pipeline.control.planning import plan_run
+from valerie.runs.forecasting.costs import Cost
 from valerie.runs.products.states import ProductState
+from valerie.runs.resolving.spec import parse
 
 Make = Callable[..., Pipeline]
+#: Shares no product with `SMALL`, and costs the same.
+ANOTHER = spec(xs=4, ys=3, constants={"sun-1.azimuth": 77.0})
 
 
 def test_a_run_too_many_is_refused_with_quota_value_and_limit(pipelines: Make) -> None:
@@ -71,21 +81,163 @@ def test_what_runs_took_and_store_leaves_no_room_for_another(pipelines: Make) ->
         linked = runs.linked_digests(connection, first, list(ProductState))
         sizes = {digest: size for digest, size in connection.execute(select(Product.digest, Product.bytes))}  # noqa: C416  # mypy reads the types of rows
         seconds = sum(runs.cpu_seconds(connection, again).values())
-        later = database_moment(connection) + timedelta(seconds=1)
-        assert runs.made(connection, owner="Eve", since=later) == (0.0, 0)
+        later = database_time(connection) + 1
+        assert runs.made(connection, owner="Eve", since=later) == (0.0, made.bytes)
     assert made.cpu_seconds == pytest.approx(seconds)
     assert made.bytes == sum(sizes[digest] or 0 for digest in linked) > 0
 
     hours, gigabytes = made.cpu_seconds / 3600, made.bytes / 1e9
     took = pipelines(max_owner_cpu_hours=hours)
-    with pytest.raises(Conflict, match=r"runs of Eve took [\d.]+ CPU hours in 30 days; limit: "):
+    with pytest.raises(Conflict, match=r"runs of Eve took \S+ CPU hours in 30 days; limit: "):
         took.submit(owner="Eve")
     pipelines(max_owner_cpu_hours=2 * hours).submit(owner="Eve")
     full = pipelines(max_owner_gigabytes=gigabytes)
-    with pytest.raises(Conflict, match=r"runs of Ada store [\d.]+ GB; limit: .*delete runs"):
+    with pytest.raises(Conflict, match=r"runs of Ada store \S+ GB; limit: .*delete runs"):
         full.submit(owner="Ada")
     full.submit()
     full.submit(owner="Joe")
+
+
+def test_pictures_that_a_run_no_longer_keeps_are_not_stored(pipeline: Pipeline) -> None:
+    pipeline.run(pipeline.submit({**SMALL, "retention": "numbers"}, owner="Eve"))
+    made = [product for product in pipeline.products() if product.kind != "statics"]
+    with reading(pipeline.context.engine) as connection:
+        assert runs.made(connection, owner="Eve") == (
+            pytest.approx(sum(product.cpu_seconds for product in made)),
+            sum(product.bytes for product in made if product.state == "done"),
+        )
+    assert {product.state for product in made} == {"done", "parked"}
+
+
+@pytest.fixture
+def measured(pipelines: Make) -> tuple[Cost, Make]:
+    """What the planner takes for `ANOTHER` from the costs that a run recorded, and pipelines that know these."""
+    pipeline = pipelines()
+    pipeline.run(pipeline.submit())
+    plan = plan_run(pipeline.context, parse(ANOTHER))
+    assert plan.known_cost == (sum(p.cpu_seconds for p in plan.products), sum(p.bytes for p in plan.products))
+    assert min(plan.known_cost) > 0
+    return plan.known_cost, pipelines
+
+
+def test_a_run_that_is_forecast_to_exceed_a_quota_is_refused_with_all_that_counts(measured: tuple[Cost, Make]) -> None:
+    forecast, pipelines = measured
+    hours, gigabytes = forecast.cpu_seconds / 3600, forecast.bytes / 1e9
+    scarce = pipelines(max_owner_cpu_hours=1.5 * hours)
+    run = scarce.submit(ANOTHER, owner="Eve")
+    assert scarce.row(run).forecast == pytest.approx(forecast)
+    parts = r"0 taken, \S+ forecast for unfinished runs, \S+ for this one; limit: "
+    with pytest.raises(QuotaExceeded, match=r"runs of Eve would take \S+ CPU hours in 30 days: " + parts):
+        scarce.submit({**ANOTHER, "seed": 1}, owner="Eve")
+    scarce.submit(ANOTHER, owner="Ada")
+    small = pipelines(max_project_gigabytes=0.9 * gigabytes)
+    with pytest.raises(QuotaExceeded, match=r"runs of project radar would store \S+ GB: .* for this one; limit: "):
+        small.submit(ANOTHER, owner="Joe", project="radar")
+    (warning,) = plan_run(small.context, parse(ANOTHER), owner="Joe", project="radar").warnings[-1:]
+    assert warning.startswith("it would be refused: runs of project radar would store")
+    small.submit(ANOTHER, owner="Joe")
+
+
+def test_a_guessed_cost_refuses_nothing(pipelines: Make) -> None:
+    """Nothing is known about the blank engine before its first products; a guess takes the dearest engine."""
+    pipeline = pipelines(max_owner_cpu_hours=1e-3)
+    plan = plan_run(pipeline.context, parse(SMALL), owner="Eve")
+    assert plan.cpu_seconds > 3.6 > plan.known_cost.cpu_seconds
+    pipeline.submit(owner="Eve")
+
+
+def test_a_run_that_takes_more_than_its_forecast_pauses_until_the_quota_is_raised(pipelines: Make) -> None:
+    run, other = pipelines().submit(owner="Eve"), pipelines().submit(ANOTHER, owner="Ada")
+    pipeline = pipelines(max_owner_cpu_hours=1e-9)
+    assert pipeline.run(run, until=["paused"]) == "paused"
+    reason = pipeline.row(run).reason or ""
+    assert reason.startswith("quota: runs of Eve took ")
+    assert reason.endswith(" CPU hours in 30 days; limit: 1e-09")
+    assert pipeline.run(other, until=["paused"]) == "paused"
+    done = Counter(product.state for product in pipeline.products())
+    for _ in range(5):
+        pipeline.step()
+    assert Counter(product.state for product in pipeline.products())["done"] == done["done"] > 0
+    for act in (lifecycle.resume, lifecycle.retry):
+        with pytest.raises(QuotaExceeded, match="runs of Eve took"):
+            act(pipeline.context, run)
+    assert (pipeline.state(run), pipeline.row(run).reason) == ("paused", reason)
+
+    end(pipeline)
+    raised = pipelines(max_owner_cpu_hours=1)
+    assert raised.run(run) == raised.run(other) == "completed"
+    assert {product.state for product in raised.products()} == {"done"}
+
+
+def test_a_paused_run_goes_on_when_its_quota_is_lifted_altogether(pipelines: Make) -> None:
+    run = pipelines().submit(owner="Eve")
+    pipeline = pipelines(max_owner_gigabytes=1e-9)
+    assert pipeline.run(run, until=["paused"]) == "paused"
+    end(pipeline)
+    assert pipelines().run(run) == "completed"
+
+
+def test_a_run_that_was_paused_for_storage_then_waits_for_its_quota(pipelines: Make) -> None:
+    run = pipelines().submit(owner="Eve")
+    pipeline = pipelines(max_owner_gigabytes=1e-9)
+    pipeline.step(limit=2)
+    pause_for_storage(pipeline.context, StorageFull("no space left"))
+    pipeline.step(limit=0)
+    assert (pipeline.row(run).reason or "").startswith("quota: runs of Eve store")
+
+
+def end(pipeline: Pipeline) -> None:
+    """End the control loop, so that another one takes its role at once."""
+    stop = Event()
+    stop.set()
+    pipeline.loop.run(stop)
+
+
+def test_a_paused_run_goes_on_when_the_period_has_passed(pipelines: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = pipelines().submit(owner="Eve")
+    pipeline = pipelines(max_owner_cpu_hours=1e-9)
+    assert pipeline.run(run, until=["paused"]) == "paused"
+    monkeypatch.setattr(quotas, "CPU_PERIOD", timedelta(0))
+    assert pipeline.run(run) == "completed"
+
+
+def test_deleting_a_run_makes_room_in_the_store_but_takes_back_no_cpu_time(pipelines: Make) -> None:
+    pipeline = pipelines(max_owner_cpu_hours=1)
+    first, twin = (pipeline.submit(owner="Eve") for _ in range(2))
+    pipeline.run(first)
+    pipeline.run(twin)
+
+    def made(**since: float) -> Cost:
+        with reading(pipeline.context.engine) as connection:
+            return runs.made(connection, owner="Eve", **since)
+
+    before = made()
+    lifecycle.delete(pipeline.context, first)
+    assert made() == before
+    lifecycle.delete(pipeline.context, twin)
+    collect(pipeline.context)
+    assert made() == (pytest.approx(before.cpu_seconds), 0)
+    with reading(pipeline.context.engine) as connection:
+        assert made(since=database_time(connection) + 1) == (0, 0)
+        assert runs.made(connection, owner="Ada") == (0, 0)
+
+
+def test_what_counts_is_listed_for_its_holder_and_for_the_operator(pipelines: Make) -> None:
+    pipeline = pipelines(max_owner_variants=100, max_project_gigabytes=2, max_owner_cpu_hours=3)
+    pipeline.run(pipeline.submit(owner="Ada"))
+    pipeline.submit(owner="Eve", project="radar")
+    with reading(pipeline.context.engine) as connection:
+        eve = quotas.quotas_of(connection, pipeline.settings, "Eve", "radar")
+        ada = quotas.quotas_of(connection, pipeline.settings, "Ada", "")
+        everything = quotas.quotas_of(connection, pipeline.settings, None, "")
+        cpu_seconds = runs.made(connection, owner="Ada").cpu_seconds
+    assert [(each.holder, each.resource, each.used, each.limit) for each in eve] == [
+        ("Eve", "variants", 12, 100),
+        ("Eve", "cpu-hours", 0, 3),
+        ("project radar", "gigabytes", 0, 2),
+    ]
+    assert [each.used for each in ada] == [0, cpu_seconds / 3600]
+    assert everything == [*ada, *eve]
 
 
 def test_a_repeated_request_is_answered_though_the_quota_is_used_up(pipelines: Make) -> None:

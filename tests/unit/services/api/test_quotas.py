@@ -57,3 +57,18 @@ def test_a_run_resumed_by_another_person_counts_for_its_owner(server: httpx.Clie
     assert server.post(f"/v1/runs/{run}/cancel", headers=headers).status_code == 200
     assert submit(server, eve).status_code == 202
     assert server.post(f"/v1/runs/{run}/resume", headers=headers).status_code == 409
+
+
+def test_a_caller_reads_its_own_quotas_and_the_operator_all(server: httpx.Client) -> None:
+    eve, ada = issued(server, "eve", "Eve"), issued(server, "ada", "Ada")
+    for secret in (eve, ada):
+        submit(server, secret)
+
+    def holders(secret: str) -> list[str]:
+        answer = server.get("/v1/quotas", headers={"Authorization": f"Bearer {secret}"}).json()
+        assert all((quota["used"], quota["forecast"], quota["limit"]) == (1, 0, 1) for quota in answer)
+        return [f"{quota['holder']}: {quota['resource']}" for quota in answer]
+
+    assert holders(eve) == ["Eve: runs"]
+    assert holders(ada) == ["Ada: runs"]
+    assert holders(TOKEN) == ["Ada: runs", "Eve: runs"]

@@ -23,6 +23,7 @@ from valerie.parameters.samplers import UnitPoints
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.control import lifecycle
+from valerie.pipeline.control.quotas import limits_costs
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.control.submit import submit
 from valerie.pipeline.reading.selection import evaluated_persons
@@ -37,6 +38,8 @@ log = structlog.get_logger()
 
 #: Retries of a run with failed products before the study pauses.
 RETRIES: Final = 3
+#: Pause after a run was refused whose forecast had to be computed.
+_REFUSED_SECONDS: Final = 30.0
 #: Proposed variants for each of the budget, at which a strategy that proposes rejected ones is ended: they cost nothing.
 MOST_PROPOSED: Final = 20
 
@@ -47,6 +50,7 @@ class StudyKeeper:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._pursuits: dict[str, Pursuit] = {}
+        self._refused: dict[str, float] = {}
 
     def advance(self) -> None:
         """Advance every running study as far as possible."""
@@ -85,16 +89,20 @@ class StudyKeeper:
     # -- runs ------------------------------------------------------------------------------------------------------------
 
     def _submit(self, study: StudyRow, batches: Sequence[BatchRow], batch: BatchRow) -> bool:
-        """Start the run of an accepted batch; return False if it must wait until its owner has less unfinished.
+        """Start the run of an accepted batch; return False if it must wait for room in a quota.
 
         The idempotency key finds a run that a killed process has started.
         """
+        if self._context.elapsed() < self._refused.get(study.id, 0.0):
+            return False
         pursuit = self._pursuit(study, batches)
         spec = pursuit.spec(batch.number, parent=parent_of(batches, batch.number))
         key = f"study/{study.id}/{batch.number}"
         try:
             run_id = submit(self._context, spec, idempotency_key=key, owner=study.owner, project=study.project)
         except QuotaExceeded as error:
+            if limits_costs(self._context.settings, study.owner, study.project):
+                self._refused[study.id] = self._context.elapsed() + _REFUSED_SECONDS
             if study.reason != str(error):
                 self._change(study, reason=str(error))
             return False
