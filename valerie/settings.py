@@ -139,9 +139,13 @@ class Settings(BaseSettings):
     )
     max_project_runs: int = Field(0, ge=0, description="unfinished runs of a project; 0: no limit")
     max_project_variants: int = Field(0, ge=0, description="variants in the unfinished runs of a project; 0: no limit")
-    max_owner_cpu_hours: float = Field(0, ge=0, description="CPU hours that an owner's runs took in 30 days; 0: no limit")
+    max_owner_cpu_hours: float = Field(
+        0, ge=0, description="CPU hours that an owner's runs took in 30 days; 0: no limit"
+    )
     max_owner_gigabytes: float = Field(0, ge=0, description="stored products of an owner's runs; 0: no limit")
-    max_project_cpu_hours: float = Field(0, ge=0, description="CPU hours that a project's runs took in 30 days; 0: no limit")
+    max_project_cpu_hours: float = Field(
+        0, ge=0, description="CPU hours that a project's runs took in 30 days; 0: no limit"
+    )
     max_project_gigabytes: float = Field(0, ge=0, description="stored products of a project's runs; 0: no limit")
     tenants: str = Field(
         "", description="projects that share products under one name, as radar=adas,camera=adas; others share with none"

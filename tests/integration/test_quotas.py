@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import pytest
 
@@ -28,10 +29,10 @@ Open = Callable[..., Pipeline]
 def opened(request: pytest.FixtureRequest, new_database: Callable[[], str], tmp_path: Path) -> Iterator[Open]:
     """A function that opens one deployment with different settings."""
     write_box_street(tmp_path / "assets" / "box-street")
-    url = {"database_url": new_database()} if request.param == "postgres" else {}
+    url: dict[str, Any] = {"database_url": new_database()} if request.param == "postgres" else {}
     pipelines: list[Pipeline] = []
 
-    def opened(**settings: float) -> Pipeline:
+    def opened(**settings: Any) -> Pipeline:
         pipelines.append(Pipeline(tmp_path / "data", tmp_path / "assets", **url, **settings))
         return pipelines[-1]
 

@@ -314,9 +314,7 @@ def count_by_state(connection: Connection) -> dict[RunState, int]:
     return {state: count for state, count in rows}  # noqa: C416  # mypy reads the types of rows
 
 
-def unfinished(
-    connection: Connection, *, owner: str | None = None, project: str = "", besides: str = ""
-) -> Unfinished:
+def unfinished(connection: Connection, *, owner: str | None = None, project: str = "", besides: str = "") -> Unfinished:
     """Return what an owner or a project has unfinished; also paused runs, which may go on by themselves.
 
     Args:

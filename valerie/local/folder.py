@@ -6,7 +6,18 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from valerie.client import Failure, Frame, Progress, Quota, Run, RunSummary, Study, StudyBatch, StudyKnown, StudyOutcomes
+from valerie.client import (
+    Failure,
+    Frame,
+    Progress,
+    Quota,
+    Run,
+    RunSummary,
+    Study,
+    StudyBatch,
+    StudyKnown,
+    StudyOutcomes,
+)
 from valerie.runs.products.states import RunState
 
 if TYPE_CHECKING:

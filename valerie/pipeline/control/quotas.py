@@ -61,7 +61,9 @@ class Quota:
             took = f"took {_number(self.used)} CPU hours in {CPU_PERIOD.days} days"
             return f"runs of {self.holder} {took}; limit: {self.limit:g}"
         if self.resource is Resource.GIGABYTES:
-            return f"runs of {self.holder} store {_number(self.used)} GB; limit: {self.limit:g}; delete runs to make room"
+            return (
+                f"runs of {self.holder} store {_number(self.used)} GB; limit: {self.limit:g}; delete runs to make room"
+            )
         return None  # a run that has begun is counted
 
     def refusal(self, more: float) -> str | None:
