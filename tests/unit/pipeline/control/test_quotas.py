@@ -29,6 +29,13 @@ Make = Callable[..., Pipeline]
 ANOTHER = spec(xs=4, ys=3, constants={"sun-1.azimuth": 77.0})
 
 
+def end(pipeline: Pipeline) -> None:
+    """End the control loop, so that another one takes its role at once."""
+    stop = Event()
+    stop.set()
+    pipeline.loop.run(stop)
+
+
 def test_a_run_too_many_is_refused_with_quota_value_and_limit(pipelines: Make) -> None:
     pipeline = pipelines(max_owner_runs=2)
     for _ in range(2):
@@ -113,6 +120,7 @@ def measured(pipelines: Make) -> tuple[Cost, Make]:
     """What the planner takes for `ANOTHER` from the costs that a run recorded, and pipelines that know these."""
     pipeline = pipelines()
     pipeline.run(pipeline.submit())
+    end(pipeline)
     plan = plan_run(pipeline.context, parse(ANOTHER))
     cpu_seconds, size = plan.known_cost
     assert cpu_seconds == sum(product.cpu_seconds for product in plan.products) > 0
@@ -136,6 +144,29 @@ def test_a_run_that_is_forecast_to_exceed_a_quota_is_refused_with_all_that_count
     (warning,) = plan_run(small.context, parse(ANOTHER), owner="Joe", project="radar").warnings[-1:]
     assert warning.startswith("it would be refused: runs of project radar would store")
     small.submit(ANOTHER, owner="Joe")
+
+
+def test_of_an_unfinished_run_only_the_rest_of_its_forecast_counts(measured: tuple[Cost, Make]) -> None:
+    forecast, pipelines = measured
+    pipeline = pipelines(max_owner_gigabytes=1)
+    run = pipeline.submit(ANOTHER, owner="Eve")
+
+    def ahead() -> float:
+        with reading(pipeline.context.engine) as connection:
+            (quota,) = quotas.quotas_of(connection, pipeline.settings, "Eve", "")
+        return quota.forecast * 1e9
+
+    assert ahead() == pytest.approx(forecast.bytes)
+    for _ in range(3):
+        pipeline.step(limit=20)
+    pipeline.loop.tick(everything=True)
+    progress = pipeline.row(run).progress
+    assert progress is not None
+    ended, total = (sum(getattr(stage, name) for stage in progress.stages.values()) for name in ("done", "total"))
+    assert 0 < ended < total
+    assert ahead() == pytest.approx(forecast.bytes * (1 - ended / total))
+    assert pipeline.run(run) == "completed"
+    assert ahead() == 0
 
 
 def test_a_guessed_cost_refuses_nothing(pipelines: Make) -> None:
@@ -184,13 +215,6 @@ def test_a_run_that_was_paused_for_storage_then_waits_for_its_quota(pipelines: M
     pause_for_storage(pipeline.context, StorageFull("no space left"))
     pipeline.step(limit=0)
     assert (pipeline.row(run).reason or "").startswith("quota: runs of Eve store")
-
-
-def end(pipeline: Pipeline) -> None:
-    """End the control loop, so that another one takes its role at once."""
-    stop = Event()
-    stop.set()
-    pipeline.loop.run(stop)
 
 
 def test_a_paused_run_goes_on_when_the_period_has_passed(pipelines: Make, monkeypatch: pytest.MonkeyPatch) -> None:
