@@ -24,6 +24,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db import marks
+from valerie.db.engine import database_time
 from valerie.db.links import PRODUCT_LINKS
 from valerie.db.models import (
     Assignment,
@@ -362,11 +363,8 @@ def made(connection: Connection, *, owner: str | None = None, project: str = "",
     return Cost(float(seconds or 0.0) + float(deleted or 0.0), float(size or 0.0))
 
 
-def remember(connection: Connection, run: RunRow, *, since: float, now: float) -> None:
-    """Keep the CPU time of a run that is about to be deleted, for `made`; forget that of runs that ended before ``since``.
-
-    What other runs of its owner and project share counts with them.
-    """
+def unshared_cpu_seconds(connection: Connection, run: RunRow, *, since: float) -> float:
+    """Return the CPU time, since a moment, of those products of a run that no other one of its owner and project shares."""
     others = Run.owner == run.owner, Run.project == run.project, Run.id != run.id
     own = links_of(run.id)
     shared = union(*_links_of_runs(*others)).subquery()
@@ -376,13 +374,15 @@ def remember(connection: Connection, run: RunRow, *, since: float, now: float) -
         .outerjoin(shared, shared.c[0] == Product.digest)
         .where(Product.finished_at >= since, shared.c[0].is_(None))
     )
-    ended = run.finished_at.timestamp() if run.finished_at else now
+    return float(seconds or 0.0)
+
+
+def remember(connection: Connection, run: RunRow, cpu_seconds: float, *, since: float) -> None:
+    """Keep the CPU time of a run that is about to be deleted, for `made`; forget that of runs that ended before ``since``."""
+    ended = database_time(connection) if run.finished_at is None else run.finished_at.timestamp()
     connection.execute(delete(DeletedRun).where((DeletedRun.finished_at < since) | (DeletedRun.id == run.id)))
-    connection.execute(
-        insert(DeletedRun).values(
-            id=run.id, owner=run.owner, project=run.project, cpu_seconds=float(seconds or 0.0), finished_at=ended
-        )
-    )
+    values = {"owner": run.owner, "project": run.project, "cpu_seconds": cpu_seconds, "finished_at": ended}
+    connection.execute(insert(DeletedRun).values(id=run.id, **values))
 
 
 def holders(connection: Connection) -> list[tuple[str, str]]:

@@ -9,13 +9,13 @@ from typing import Final
 from sqlalchemy import Connection
 
 from valerie.db import fed_blocks, products, retention, runs
-from valerie.db.engine import database_moment, database_time, writing
+from valerie.db.engine import database_moment, database_time, reading, writing
 from valerie.db.statements import lock
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.sending import send_ready
-from valerie.pipeline.control.quotas import CPU_PERIOD, limits_costs, require_quota, require_room
+from valerie.pipeline.control.quotas import CPU_PERIOD, limits_costs, require_quota, require_room, spent_by
 from valerie.runs.products.progress import FrameProgress, Progress, VariantProgress
 from valerie.runs.products.states import ProductState, RunState
 from valerie.storage.keys import run_prefix
@@ -88,26 +88,34 @@ def delete(context: Context, run_id: str) -> None:
     Raises:
         NotFound, Conflict: no such run, or it is still active (cancel it first).
     """
+    seconds: float | None = None
+    with reading(context.engine) as connection:
+        run = runs.get(connection, run_id)
+        since = database_time(connection) - CPU_PERIOD.total_seconds()
+        if limits_costs(context.settings, run.owner, run.project):
+            seconds = runs.unshared_cpu_seconds(connection, run, since=since)
     with writing(context.engine) as connection:
         run = runs.get(connection, run_id)
         if run.state in runs.ACTIVE:
             raise Conflict(f"run {run_id} is {run.state}: cancel it before deleting it")
-        if limits_costs(context.settings, run.owner, run.project):
-            now = database_time(connection)
-            runs.remember(connection, run, since=now - CPU_PERIOD.total_seconds(), now=now)
+        if seconds is not None:
+            runs.remember(connection, run, seconds, since=since)
         runs.remove(connection, run_id)
     context.store.delete(info.key for info in list(context.store.list(run_prefix(run_id).rstrip("/"))))
 
 
 def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[ProductState]) -> None:
     # In one transaction: a running run with parked products would never end.
+    with reading(context.engine) as connection:
+        run = runs.get(connection, run_id)
+        spent = spent_by(connection, context.settings, [(run.owner, run.project)])
     with writing(context.engine) as connection:
         now = database_time(connection)
         run = runs.get(connection, run_id)
         if run.state not in runs.ACTIVE:
-            require_quota(connection, context.settings, run)
+            require_quota(connection, context.settings, run, spent)
         elif run.state is RunState.PAUSED:
-            require_room(connection, context.settings, run)
+            require_room(connection, context.settings, run, spent)
         pins = run.pins
         state = RunState.SUBMITTED if pins is None else RunState.RUNNING
         if pins is not None:

@@ -37,7 +37,7 @@ from valerie.pipeline.control import feeding, webhooks
 from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress_counting import ProgressBook
-from valerie.pipeline.control.quotas import exhausted, limits_costs
+from valerie.pipeline.control.quotas import exhausted, limits_costs, spent_by
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
 from valerie.runs.products.pins import Offer
@@ -329,7 +329,8 @@ class ControlLoop:
         try:
             with reading(self._context.engine) as connection:
                 active = runs.in_states(connection, (RunState.RUNNING, RunState.PAUSED))
-                reasons = exhausted(connection, self._settings, active)
+                spent = spent_by(connection, self._settings, [(run.owner, run.project) for run in active])
+                reasons = exhausted(connection, self._settings, active, spent)
             for run in active:
                 if run.state is RunState.RUNNING and run.id in reasons:
                     self._pause(run.id, reasons[run.id], expected=RunState.RUNNING)

@@ -111,16 +111,13 @@ class _Holder:
             }
         return {resource: limit for resource, limit in limits.items() if limit}
 
-    def quotas(self, connection: Connection, settings: Settings, *, besides: str = "") -> list[Quota]:
+    def quotas(self, connection: Connection, settings: Settings, spent: Spent, *, besides: str = "") -> list[Quota]:
         """Return the quotas that are set, with what counts; ``besides`` is a run that does not count as unfinished."""
         limits = self.limits(settings)
         if not limits:
             return []
         unfinished = runs.unfinished(connection, owner=self.owner, project=self.project, besides=besides)
-        made = Cost(0.0, 0.0)
-        if _COSTS & limits.keys():
-            since = database_time(connection) - CPU_PERIOD.total_seconds()
-            made = runs.made(connection, owner=self.owner, project=self.project, since=since)
+        made = spent.get(self, Cost(0.0, 0.0))
         counted = {
             Resource.RUNS: (unfinished.runs, 0.0),
             Resource.VARIANTS: (unfinished.variants, 0.0),
@@ -130,7 +127,20 @@ class _Holder:
         return [Quota(self.name, resource, *counted[resource], limit) for resource, limit in limits.items()]
 
 
-def require_quota(connection: Connection, settings: Settings, run: SubmittedRun) -> None:
+#: What owners and projects with quotas of CPU hours or bytes took.
+Spent = Mapping[_Holder, Cost]
+#: An owner and a project.
+Pair = tuple[str | None, str]
+
+
+def spent_by(connection: Connection, settings: Settings, pairs: Iterable[Pair]) -> Spent:
+    """Add up what owners and projects took; of millions of products, that takes seconds, so not while others wait."""
+    since = database_time(connection) - CPU_PERIOD.total_seconds()
+    holders = {holder for pair in pairs for holder in _holders(*pair) if _COSTS & holder.limits(settings).keys()}
+    return {each: runs.made(connection, owner=each.owner, project=each.project, since=since) for each in holders}
+
+
+def require_quota(connection: Connection, settings: Settings, run: SubmittedRun, spent: Spent) -> None:
     """Refuse another run that would exceed a quota of its owner or its project.
 
     Their tokens are locked until the transaction ends, so that two requests cannot share the last room. The operator's runs
@@ -140,6 +150,7 @@ def require_quota(connection: Connection, settings: Settings, run: SubmittedRun)
         connection: of the transaction that starts the run.
         settings: of this deployment.
         run: the run.
+        spent: of its owner and its project.
 
     Raises:
         QuotaExceeded: with the quota, the value and the limit.
@@ -149,40 +160,37 @@ def require_quota(connection: Connection, settings: Settings, run: SubmittedRun)
         tokens.lock(connection, owner=run.owner, project=run.project)
     rest = runs.rest(run.forecast, run.progress if isinstance(run, RunRow) else None)
     for holder in holders:
-        for reason in _refusals(holder.quotas(connection, settings, besides=run.id), run.variant_count, rest):
+        for reason in _refusals(holder.quotas(connection, settings, spent, besides=run.id), run.variant_count, rest):
             raise QuotaExceeded(reason)
 
 
-def require_room(connection: Connection, settings: Settings, run: SubmittedRun) -> None:
+def require_room(connection: Connection, settings: Settings, run: SubmittedRun, spent: Spent) -> None:
     """Refuse to go on with a run whose owner or project has used up CPU hours or bytes.
 
     Raises:
         QuotaExceeded: with the quota, the value and the limit.
     """
-    for reason in exhausted(connection, settings, [run]).values():
+    for reason in exhausted(connection, settings, [run], spent).values():
         raise QuotaExceeded(reason)
 
 
-def exhausted(connection: Connection, settings: Settings, some: Iterable[SubmittedRun]) -> dict[str, str]:
+def exhausted(connection: Connection, settings: Settings, some: Iterable[SubmittedRun], spent: Spent) -> dict[str, str]:
     """Return those of some runs, by id, whose owner or project has used up CPU hours or bytes, with the reason."""
-    reasons: dict[_Holder, str | None] = {}
-    found: dict[str, str] = {}
-    for run in some:
-        for holder in _holders(run.owner, run.project):
-            if holder not in reasons:
-                limited = _COSTS & holder.limits(settings).keys()
-                quotas = holder.quotas(connection, settings) if limited else []
-                reasons[holder] = next(filter(None, (quota.exhaustion for quota in quotas)), None)
-            if (reason := reasons[holder]) is not None:
-                found.setdefault(run.id, reason)
-    return found
+    reasons: dict[_Holder, str] = {}
+    for holder in spent:
+        for quota in holder.quotas(connection, settings, spent):
+            if quota.exhaustion is not None:
+                reasons[holder] = quota.exhaustion
+    found = ((run.id, reasons.get(holder)) for run in some for holder in _holders(run.owner, run.project))
+    return {run_id: reason for run_id, reason in found if reason is not None}
 
 
 def refusals(
     connection: Connection, settings: Settings, variants: int, forecast: Cost, *, owner: str | None, project: str
 ) -> list[str]:
     """Return why a run of so many variants and costs would be refused now, in words."""
-    quotas = (holder.quotas(connection, settings) for holder in _holders(owner, project))
+    spent = spent_by(connection, settings, [(owner, project)])
+    quotas = (holder.quotas(connection, settings, spent) for holder in _holders(owner, project))
     return [reason for each in quotas for reason in _refusals(each, variants, forecast)]
 
 
@@ -193,9 +201,10 @@ def limits_costs(settings: Settings, owner: str | None, project: str) -> bool:
 
 def quotas_of(connection: Connection, settings: Settings, owner: str | None, project: str) -> list[Quota]:
     """Return the quotas of an owner and a project; for the operator those of all that have runs."""
-    pairs = runs.holders(connection) if owner is None else [(owner, project)]
+    pairs: list[Pair] = [*runs.holders(connection)] if owner is None else [(owner, project)]
+    spent = spent_by(connection, settings, pairs)
     holders = dict.fromkeys(holder for pair in pairs for holder in _holders(*pair))
-    return [quota for holder in holders for quota in holder.quotas(connection, settings)]
+    return [quota for holder in holders for quota in holder.quotas(connection, settings, spent)]
 
 
 def require_possible_batch(settings: Settings, owner: str | None, project: str, batch: int) -> None:

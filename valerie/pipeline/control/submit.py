@@ -14,7 +14,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.control.planning import forecast
-from valerie.pipeline.control.quotas import limits_costs, require_quota
+from valerie.pipeline.control.quotas import limits_costs, require_quota, spent_by
 from valerie.pipeline.functions import registry
 from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec
@@ -55,9 +55,10 @@ def submit(
     resolved = resolve_new(spec, context.settings, registered=names)
     pins, reason = choose_pins(spec, offers, registered)
     tenant, expected = context.settings.tenant_of(project), None
-    if limits_costs(context.settings, owner, project):
-        with reading(context.engine) as connection:
+    with reading(context.engine) as connection:
+        if limits_costs(context.settings, owner, project):
             expected = forecast(connection, resolved, pins, tenant)
+        spent = spent_by(connection, context.settings, [(owner, project)])
     run = SubmittedRun(
         id=new_id("r", now),
         name=spec.name,
@@ -86,7 +87,7 @@ def submit(
             except NotFound:
                 raise NotFound("parent run", spec.parent_run) from None
         try:
-            require_quota(connection, context.settings, run)
+            require_quota(connection, context.settings, run, spent)
         except QuotaExceeded:
             # Another request may have stored the same key while this one waited for the owner's tokens.
             if runs.of_key(connection, key, spec.digest) is None:
