@@ -5,9 +5,11 @@
 The planted scores (`benchmarks.planted_scores`) follow from the seed, which differs between repetitions. For each family:
 
 - *estimate*: coverage of both intervals and of plain Monte Carlo with the same number of points, their widths relative to plain
-  Monte Carlo's, the share of repetitions in which the model-assisted number may be used, and its coverage there.
+  Monte Carlo's, the share of repetitions in which the model-assisted number may be used, and its coverage there. Scores in
+  covariates are measured with them, with them in pools of `FEW` points, and without them.
 
-A line is marked if a coverage is below 94 % by a one-sided binomial test at 0.1 %, or the width is above 1.5.
+A line is marked if a coverage is below 94 % by a one-sided binomial test at 0.1 %, or if plain Monte Carlo needs fewer than
+1 / 1.5 of the points for the same width.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import argparse
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, Final
 
@@ -32,14 +34,22 @@ from valerie.statistics.units import sampling_units
 
 GOAL: Final = 0.94
 SIGNIFICANCE: Final = 0.001
-WIDEST: Final = 1.5
+MOST_LOST: Final = 1.5
+#: Points of a small pool.
+FEW: Final = 2000
+#: Arguments of `Estimate` for scores in covariates, by their name.
+SEEN: Final[dict[str, dict[str, Any]]] = {
+    "covariates": {"seen": True},
+    "in small pools": {"seen": True, "pool": FEW},
+    "not used": {"seen": False},
+}
 #: From this budget on, a search for modes is repeated a tenth as often.
 LARGE: Final = 10_000
 #: Number of estimates per planted score.
 DRAWS: Final = 5
 GOALS: Final = ("find", "map", "compare", "cascade", "rank", "pairs", "rates", "estimate")
 #: Failure rate, budget and batch of the cells.
-CELLS: Final = ((1e-2, 2048, 512), (1e-3, 8192, 2048), (1e-1, 2048, 512))
+CELLS: Final = ((1e-2, 2048, 512), (1e-3, 8192, 2048), (1e-1, 2048, 512), (1e-4, 65_536, 8192))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +86,18 @@ class Row:
     failures: tuple[str, ...]
 
 
-def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: int, batch: int) -> Row:
-    """Measure one family."""
+def measure(
+    family: str,
+    *,
+    seed: int,
+    repetitions: int,
+    rate: float,
+    budget: int,
+    batch: int,
+    seen: bool = False,
+    pool: int | None = None,
+) -> Row:
+    """Measure one family; ``seen`` if the strategy is given the covariates, in pools of a size."""
     held: dict[str, list[bool]] = {"assumption-free": [], "assisted": [], "plain": []}
     widths: dict[str, list[float]] = {"assumption-free": [], "assisted": [], "plain": []}
     calibrated: list[bool] = []
@@ -85,7 +105,13 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
     for repetition in range(repetitions):
         if repetition % DRAWS == 0:
             planted = planted_scores.plant(family, seed + repetition, rate)
-        strategy = Estimate(Cube(planted.dimensions), at_least=planted_scores.AT_LEAST, seed=seed + repetition)
+        strategy = Estimate(
+            Cube(planted.dimensions),
+            at_least=planted_scores.AT_LEAST,
+            seed=seed + repetition,
+            pool=pool,
+            covariates=planted.covariates if seen else None,
+        )
         started = time.process_time()
         pursue(strategy, planted.score, budget=budget, batch=batch)
         known = strategy.rate()
@@ -106,7 +132,7 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
         "assumption-free coverage": low(held["assumption-free"]),
         "assisted coverage": low(held["assisted"]),
         "calibrated coverage": low(of_calibrated),
-        "width": assisted > WIDEST,
+        "renders": assisted**2 > MOST_LOST,
     }
     return Row(
         family,
@@ -221,7 +247,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, help="one cell alone, with --budget and --batch")
     parser.add_argument("--budget", type=int, default=1024)
     parser.add_argument("--batch", type=int, default=128)
-    every = (*planted_scores.MARGINS, *planted_streets.LOADS, *planted_modes.FAMILIES)
+    every = (*planted_scores.MARGINS, planted_scores.COVARIATES, *planted_streets.LOADS, *planted_modes.FAMILIES)
     parser.add_argument("--families", nargs="+", choices=every, default=every, help="of scores and modes")
     parser.add_argument("--budgets", nargs="+", type=int, default=(500, 2000, 10_000), help="of the searches for modes")
     parser.add_argument("--goals", nargs="+", choices=GOALS, default=GOALS)
@@ -236,11 +262,15 @@ def main() -> None:
     rows: list[Row] = []
     for rate, budget, batch in cells:
         print(f"rate {rate:g}, {budget} evaluations in batches of {batch}")
+        seed, repetitions = chosen.seed, chosen.repetitions
+        cell = partial(measure, seed=seed, repetitions=repetitions, rate=rate, budget=budget, batch=batch)
         for family in (name for name in planted_scores.MARGINS if name in chosen.families):
-            rows.append(
-                measure(family, seed=chosen.seed, repetitions=chosen.repetitions, rate=rate, budget=budget, batch=batch)
-            )
+            rows.append(cell(family))
             show(rows[-1:])
+            results.write("guided", {"cells": [asdict(row) for row in rows]})
+        if planted_scores.COVARIATES in chosen.families:
+            rows += [replace(cell(planted_scores.COVARIATES, **how), family=name) for name, how in SEEN.items()]
+            show(rows[-len(SEEN) :])
             results.write("guided", {"cells": [asdict(row) for row in rows]})
 
 

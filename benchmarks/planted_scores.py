@@ -13,9 +13,11 @@ partly undefined  as smooth; scores are undefined in a tenth of the cube
 *worst of three*  the largest of three linear combinations is high: the boundary has edges
 *waves*           as smooth, with waves of half its size and a quarter of the cube's length
 *saturated*       as smooth, but most scores are close to 1, so that they hardly fall before a failure
+covariates        as smooth, in four covariates: each is a sum of waves of three parameters, like a distance
 ================= ============================================================================
 
-The last four, `HELD_OUT`, were drawn up after the constants of the strategies were chosen and must not be used to choose any.
+*Italics* mark `HELD_OUT`, which were drawn up after the constants of the strategies were chosen and must not be used to choose
+any.
 
 A score is the logistic function of a margin, and fails below 0.5. The margin is shifted to give the requested failure rate on
 points that no repetition draws: 2^18 of them, or 2^21 for a rate below 0.005.
@@ -37,6 +39,7 @@ Score = Callable[[Floats], Floats]
 
 FAMILIES: Final = ("smooth", "disjoint", "interaction-only", "discontinuous", "hidden mode", "partly undefined")
 HELD_OUT: Final = ("band", "worst of three", "waves", "saturated")
+COVARIATES: Final = "covariates"
 AT_LEAST: Final = 0.5
 _TRUTH_POINTS: Final = 2**18
 _TRUTH_POINTS_OF_RARE: Final = 2**21
@@ -47,16 +50,18 @@ class Planted:
     """A planted score.
 
     Attributes:
-        family: one of `FAMILIES` or `HELD_OUT`.
+        family: one of `FAMILIES`, `HELD_OUT` or `COVARIATES`.
         dimensions: number of the cube's dimensions, 6 to 12.
         score: (n, dimensions) points to (n,) scores in 0…1, NaN where undefined.
         rate: the failure rate.
+        covariates: (n, dimensions) points to (n, 4) covariates; None for other families.
     """
 
     family: str
     dimensions: int
     score: Score
     rate: float
+    covariates: Score | None = None
 
 
 def plant(family: str, seed: int, rate: float, dimensions: int | None = None) -> Planted:
@@ -67,7 +72,8 @@ def plant(family: str, seed: int, rate: float, dimensions: int | None = None) ->
     cube = np.random.default_rng([seed, 1, 1]).random(
         (_TRUTH_POINTS if rate >= 0.005 else _TRUTH_POINTS_OF_RARE, dimensions)
     )
-    margin = MARGINS[family](rng, dimensions, cube, rate)
+    covariates = _covariates(rng, dimensions) if family == COVARIATES else None
+    margin = _of(covariates, rng, cube, rate) if covariates else MARGINS[family](rng, dimensions, cube, rate)
     edge = rng.integers(dimensions) if family == "partly undefined" else None
 
     def score(points: Floats) -> Floats:
@@ -76,7 +82,7 @@ def plant(family: str, seed: int, rate: float, dimensions: int | None = None) ->
             scores = np.where(points[:, edge] > 0.9, np.nan, scores)
         return np.asarray(scores)
 
-    return Planted(family, dimensions, score, float(np.mean(score(cube) < AT_LEAST)))
+    return Planted(family, dimensions, score, float(np.mean(score(cube) < AT_LEAST)), covariates)
 
 
 Margin = Callable[[Floats], Floats]
@@ -92,6 +98,17 @@ def _shifted(load: Margin, cube: Floats, rate: float) -> Margin:
 def _smooth(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
     weights, bend = rng.normal(size=dimensions), 0.5 * rng.normal(size=dimensions)
     return _shifted(lambda x: (x - 0.5) @ weights + ((x - 0.5) @ bend) ** 2, cube, rate)
+
+
+def _covariates(rng: np.random.Generator, dimensions: int) -> Score:
+    mixing = np.array([rng.choice(dimensions, 3, replace=False) for _ in range(4)])
+    turns = np.pi * rng.uniform(0.5, 2.5, (4, 3))
+    return lambda points: np.asarray(np.sin(turns * points[:, mixing]).sum(axis=2))
+
+
+def _of(covariates: Score, rng: np.random.Generator, cube: Floats, rate: float) -> Margin:
+    margin = _smooth(rng, 4, covariates(cube), rate)
+    return lambda points: margin(covariates(points))
 
 
 def _disjoint(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:

@@ -174,9 +174,9 @@ class Domain(Cube):
     def values(self, point: ArrayLike) -> dict[str, Value]:
         """Return the values at a point, (dimensions,) in [0, 1], by path."""
         return {
-            definition.path: variation.distribution.quantile(u, definition)
+            definition.path: variation.distribution.quantile(min(max(u, 0.0), _BELOW_ONE), definition)
             for definition, variation, u in zip(
-                self.definitions, self.variations, _inside(np.asarray(point, np.float64)).tolist(), strict=True
+                self.definitions, self.variations, np.asarray(point, np.float64).tolist(), strict=True
             )
         }
 

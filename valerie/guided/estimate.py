@@ -36,6 +36,7 @@ from valerie.guided.domain import Cube
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Scores, Why
 from valerie.guided.surrogate import (
     LEAST_POINTS,
+    Covariates,
     Surrogate,
     failure_probability,
     held_out,
@@ -48,8 +49,11 @@ from valerie.statistics.units import Estimand, sampling_units
 
 #: Range of the operational share α of guided batches; the first one has the least.
 SHARES: Final = (0.5, 0.9)
-#: Number of points in a pool.
-POOL: Final = 20_000
+#: Points of a pool for each point of its batch, so that it costs about 2 % of rendering them, within this range; for large
+#: batches at least `LEAST_POOL` each.
+POOL: Final = 40
+POOL_RANGE: Final = (4_000, 20_000)
+LEAST_POOL: Final = 20
 #: With fewer failures than this, the proposal aims at the points with the lowest scores.
 FEW: Final = 11
 #: Largest share of the estimate that one point may carry before the gamma interval is taken.
@@ -107,10 +111,12 @@ class Draws:
     Attributes:
         number: t, 0 for the operational points at the beginning.
         points: (n, dimensions).
+        known: (n, k) what the surrogate sees: the points, and their covariates.
         weights: (n,) operational density over proposal density.
         predicted: (n,) margins that the surrogate predicted; None without one.
         expected: (n,) failure probabilities by the surrogate; 0 without one.
         pool_mean: mean of that probability over the pool.
+        pool: number of points in the pool; 0 without one.
         control: λ, the coefficient of the control variate.
         share: α, the operational share of the mixture.
         counted: number of points, from the first on, that are operational and count for the assumption-free number.
@@ -118,10 +124,12 @@ class Draws:
 
     number: int
     points: UnitPoints
+    known: NDArray[np.float64]
     weights: NDArray[np.float64]
     predicted: NDArray[np.float64] | None
     expected: NDArray[np.float64]
     pool_mean: float
+    pool: int
     control: float
     share: float
     counted: int
@@ -140,7 +148,8 @@ class Estimate:
         at_least: scores in [0, 1] below it fail.
         seed: of all draws.
         first: number of operational points at the beginning.
-        pool: number of points in a pool.
+        pool: number of points in a pool; None: by the size of the batch.
+        covariates: (n, dimensions) points to (n, k) known numbers, such as distances, for the surrogate.
 
     Attributes:
         draws: every batch with its weights, oldest first.
@@ -150,12 +159,22 @@ class Estimate:
         InvalidInput: a bound outside 0…1, or too few points to fit a surrogate to.
     """
 
-    def __init__(self, domain: Cube, *, at_least: float, seed: int, first: int = 256, pool: int = POOL) -> None:
+    def __init__(
+        self,
+        domain: Cube,
+        *,
+        at_least: float,
+        seed: int,
+        first: int = 256,
+        pool: int | None = None,
+        covariates: Covariates | None = None,
+    ) -> None:
         if not 0 < at_least < 1:
             raise InvalidInput("a bound of scores in 0…1", field="at_least", value=at_least, limit="above 0, below 1")
         if first < LEAST_POINTS:
             raise InvalidInput("too few points to fit a surrogate to", field="first", value=first, limit=LEAST_POINTS)
         self.domain, self.at_least, self.seed, self.first, self.pool = domain, at_least, seed, first, pool
+        self._covariates = covariates
         self.draws: list[Draws] = []
         self.scores: list[Scores] = []
         self._open = OpenBatches()
@@ -198,13 +217,16 @@ class Estimate:
             return Reason(Why.DOUBTFUL, {**numbers, **expected})
         return Reason(Why.UNMODELLED if draws.number else Why.FIRST, {**numbers, "first": self.first})
 
+    def _known(self, points: UnitPoints) -> NDArray[np.float64]:
+        return points if self._covariates is None else np.column_stack([points, self._covariates(points)])
+
     def _operational(self, rng: np.random.Generator, number: int, count: int) -> Draws:
-        zeros = np.zeros(count)
-        return Draws(number, self.domain.draw(rng, count), zeros + 1, None, zeros, 0.0, 0.0, 1.0, count)
+        zeros, points = np.zeros(count), self.domain.draw(rng, count)
+        return Draws(number, points, self._known(points), zeros + 1, None, zeros, 0.0, 0, 0.0, 1.0, count)
 
     def _guided(self, rng: np.random.Generator, number: int, count: int) -> Draws:
         told = self._told()
-        points, scores = np.concatenate([draws.points for draws, _ in told]), np.concatenate([s for _, s in told])
+        known, scores = np.concatenate([draws.known for draws, _ in told]), np.concatenate([s for _, s in told])
         true, defined = margins(scores, self.at_least), ~np.isnan(scores)
         predicted = self._predicted_before(told, true)
         judged = defined & ~np.isnan(predicted)
@@ -212,9 +234,10 @@ class Estimate:
             return self._operational(rng, number, count)
         error = prediction_error(true[judged], predicted[judged])
 
-        surrogate = Surrogate(points[defined], true[defined])
-        pool = self.domain.draw(rng, max(self.pool, 20 * count))
-        of_pool = surrogate.predict(pool)
+        surrogate = Surrogate(known[defined], true[defined])
+        pool = self.domain.draw(rng, self.pool or _pool_of(count))
+        known = self._known(pool)
+        of_pool = surrogate.predict(known)
         expected = failure_probability(of_pool, error)
         # With few failures, the proposal aims at a bound with more points below it.
         aim = np.sort(true[defined])[FEW - 1] if np.count_nonzero(scores < self.at_least) < FEW else 0.0
@@ -233,10 +256,12 @@ class Estimate:
         return Draws(
             number,
             pool[chosen],
+            known[chosen],
             1 / (share + (1 - share) * len(pool) * spread[chosen] / spread.sum()),
             of_pool[chosen],
             expected[chosen],
             float(expected.mean()),
+            len(pool),
             self._control(told, failure_probability(predicted, error)),
             share,
             math.ceil(SHARES[0] * count),
@@ -250,8 +275,8 @@ class Estimate:
         # Operational batches had no surrogate: each of their points is predicted from the others.
         unseen = np.isnan(predicted) & ~np.isnan(true)
         if np.count_nonzero(unseen) >= LEAST_POINTS:
-            points = np.concatenate([draws.points for draws, _ in told])
-            predicted[unseen] = held_out(points[unseen], true[unseen])
+            known = np.concatenate([draws.known for draws, _ in told])
+            predicted[unseen] = held_out(known[unseen], true[unseen])
             self._predicted = np.split(predicted, np.cumsum([len(scores) for _, scores in told])[:-1])
         return predicted
 
@@ -328,7 +353,7 @@ class Estimate:
         per_point = (batch / sizes)[number]
         estimate = float(per_point @ controlled)
 
-        pooled = float(sum(batch[1:] ** 2)) / self.pool
+        pooled = sum(batch[draws.number] ** 2 / draws.pool for draws, _ in told if draws.pool)
         tail = (1 - level) / 2
         heaviest = float((per_point * np.abs(surprises)).max())
         if estimate <= 0 or heaviest > HEAVIEST * estimate:
@@ -349,6 +374,11 @@ class Estimate:
             low, high = estimate / factor, estimate * factor
             method = "Student's t on the logarithm"
         return Interval(low, min(high, 1.0), min(estimate, 1.0), level, len(terms), method, Estimand.DESIGN_BOX)
+
+
+def _pool_of(count: int) -> int:
+    least, most = POOL_RANGE
+    return max(min(max(POOL * count, least), most), LEAST_POOL * count)
 
 
 def _share_interval(hits: NDArray[np.bool_], level: float) -> Interval:

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Final
@@ -36,7 +35,7 @@ from valerie.errors import InvalidInput
 from valerie.guided.domain import Axis, Cube, Domain
 from valerie.guided.exploration import SpaceFilling
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
-from valerie.guided.surrogate import held_out, margins
+from valerie.guided.surrogate import Covariates, held_out, margins
 from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
@@ -189,7 +188,7 @@ class Find:
         at_least: float,
         seed: int,
         repeats: int = 1,
-        covariates: Callable[[UnitPoints], Floats] | None = None,
+        covariates: Covariates | None = None,
         descending: tuple[float, float] = DESCENDING,
     ) -> None:
         if not 0 < at_least < 1:

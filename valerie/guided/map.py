@@ -31,7 +31,7 @@ from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
 from valerie.guided.exploration import SpaceFilling
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Scores, Why
-from valerie.guided.surrogate import margins
+from valerie.guided.surrogate import margins, one_thread
 from valerie.parameters.samplers import UnitPoints
 from valerie.statistics.intervals import highest_share
 
@@ -117,7 +117,9 @@ class Map:
         self._process: Process | None = None
         self._verdicts: _Verdicts | None = None
         self._lengths: tuple[int, Any] = (0, None)
+        self._reference: UnitPoints | None = None
 
+    @one_thread()
     def ask(self, count: int) -> Proposal:
         """Return the next batch."""
         rng = np.random.default_rng([self.seed, 1, self._asked])
@@ -133,6 +135,7 @@ class Map:
         numbers = {"scored": len(self._scores), "exploring": exploring, "doubtful": len(doubtful)}
         return self._open.add(points, Reason(Why.BORDER, numbers))
 
+    @one_thread()
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.
 
@@ -147,6 +150,7 @@ class Map:
         if np.count_nonzero(~np.isnan(self._scores)) >= FIRST:
             self._process = self._fitted()
 
+    @one_thread()
     def calls(self, points: UnitPoints) -> NDArray[np.str_]:
         """Return the verdicts on points, (n,) of `Call`."""
         if self._process is None:
@@ -158,9 +162,10 @@ class Map:
         """The map so far; None before the first fit."""
         if self._process is None:
             return None
+        if self._reference is None:
+            self._reference = self.domain.draw(np.random.default_rng([self.seed, 2]), _REFERENCE)
+        calls = self.calls(self._reference)
         verdicts = self._known()
-        reference = self.domain.draw(np.random.default_rng([self.seed, 2]), _REFERENCE)
-        calls = verdicts.calls(reference)
         shares = {call: float(np.mean(calls == call)) for call in Call}
         held_out, truth = verdicts.held_out[self._explored], verdicts.truth[self._explored]
         known = held_out != Call.NOT_KNOWN

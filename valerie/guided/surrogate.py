@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
@@ -11,6 +13,8 @@ from scipy.special import logit, ndtr
 from valerie.guided.strategy import Scores
 from valerie.parameters.samplers import UnitPoints
 
+#: Maps (n, dimensions) points to (n, k) numbers that cost little, such as distances.
+Covariates = Callable[[UnitPoints], NDArray[np.float64]]
 #: Scores are clipped to this range before the logit is taken.
 CLIPPED: Final = (0.003, 0.997)
 #: Smallest standard deviation of a prediction, in logits.
@@ -25,6 +29,19 @@ def margins(scores: Scores, at_least: float) -> NDArray[np.float64]:
     return np.asarray(logit(np.clip(scores, *CLIPPED)) - logit(np.clip(at_least, *CLIPPED)))
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep scikit-learn to one thread, so that a sum does not depend on the number of cores.
+
+    Further threads gain nothing on so few points, and spin where cores are busy.
+    """
+    import sklearn.ensemble  # noqa: F401  # only loaded libraries can be limited
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        yield
+
+
 class Surrogate:
     """Predictions of margins.
 
@@ -33,6 +50,7 @@ class Surrogate:
         margins: (n,) from `margins`.
     """
 
+    @one_thread()
     def __init__(self, points: UnitPoints, margins: NDArray[np.float64]) -> None:
         from sklearn.ensemble import HistGradientBoostingRegressor
 
@@ -40,6 +58,7 @@ class Surrogate:
             max_iter=100, learning_rate=0.1, max_leaf_nodes=8, min_samples_leaf=5, early_stopping=False
         ).fit(points, margins)
 
+    @one_thread()
     def predict(self, points: UnitPoints) -> NDArray[np.float64]:
         """Return the predicted margin of each point, (n,)."""
         return np.asarray(self._trees.predict(points), np.float64)

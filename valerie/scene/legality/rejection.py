@@ -34,6 +34,8 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
     """
     prepared = _prepare(manifest)
     x0, y0, x1, y1 = manifest.extent
+    moved = prepared.moved(assignment)
+    settled, movers = _settled(manifest, moved), [prepared.movers[index] for index in sorted(moved)]
     standing: list[tuple[str, float, float]] = []
     for person in prepared.persons:
         get = assignment.get
@@ -45,7 +47,8 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
         x, y = float(get(person.x, person.default_x)), float(get(person.y, person.default_y))
         if not (x0 <= x <= x1 and y0 <= y <= y1):
             return f"{person.name} is outside the asset"
-        if footprint := prepared.at(x, y, assignment):
+        held = (footprint for mover in movers if (footprint := mover.holds(x, y, assignment)))
+        if footprint := settled.at(x, y) or next(held, None):
             return f"{person.name} stands {footprint.text}"
         standing.append((person.name, x, y))
     if len(standing) > 1 and (overlap := _overlap(standing, 2.0 * manifest.person_radius_m)):
@@ -83,52 +86,44 @@ class _Prepared:
     """Everything that follows from the manifest.
 
     Attributes:
-        settled: obstacles at rest, and houses at their default places.
-        resting: only the obstacles at rest.
-        built, vehicles: movers such as houses, and all other movers.
-        of_built: paths of the pose parameters of ``built``.
+        resting: the obstacles at rest.
+        movers: all others.
+        owners: path of each pose parameter of a mover to the index of the mover.
     """
 
     persons: tuple[_Person, ...]
-    settled: ObstacleMap
-    resting: ObstacleMap
-    built: tuple[Mover, ...]
-    vehicles: tuple[Mover, ...]
-    of_built: frozenset[str]
+    resting: tuple[Footprint, ...]
+    movers: tuple[Mover, ...]
+    owners: Mapping[str, int]
     mover_rules: MoverRules
     cameras: CameraRules
 
-    def at(self, x: float, y: float, assignment: Mapping[str, Value]) -> Footprint | None:
-        """Return the footprint that a person at (x, y) would stand in; None if there is room."""
-        if self.of_built.isdisjoint(assignment):
-            footprint = self.settled.at(x, y)
-        else:
-            footprint = self.resting.at(x, y) or _first(self.built, x, y, assignment)
-        return footprint or _first(self.vehicles, x, y, assignment)
-
-
-def _first(movers: tuple[Mover, ...], x: float, y: float, assignment: Mapping[str, Value]) -> Footprint | None:
-    return next((footprint for mover in movers if (footprint := mover.holds(x, y, assignment))), None)
+    def moved(self, assignment: Mapping[str, Value]) -> frozenset[int]:
+        """Return the indices of the movers of whose pose a variant gives a part."""
+        return frozenset(self.owners[path] for path in self.owners.keys() & assignment.keys())
 
 
 @lru_cache(maxsize=16)
 def _prepare(manifest: Manifest) -> _Prepared:
     radius = manifest.person_radius_m
     resting, movers = sort_obstacles(manifest, radius)
-    built = tuple(mover for mover in movers if mover.is_built)
-    settled = {id(obstacle) for obstacle in resting} | {
-        id(outline.footprint) for mover in built for outline in mover.shown({})
-    }
     return _Prepared(
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
-        settled=ObstacleMap([obstacle for obstacle in manifest.obstacles if id(obstacle) in settled], radius),
-        resting=ObstacleMap(resting, radius),
-        built=built,
-        vehicles=tuple(mover for mover in movers if not mover.is_built),
-        of_built=frozenset(path for mover in built for path in mover.paths),
+        resting=resting,
+        movers=movers,
+        owners={path: index for index, mover in enumerate(movers) for path in mover.paths},
         mover_rules=MoverRules(manifest, resting, movers),
         cameras=CameraRules(manifest),
     )
+
+
+@lru_cache(maxsize=32)
+def _settled(manifest: Manifest, moved: frozenset[int]) -> ObstacleMap:
+    """Return the map of everything but some movers, at its default place."""
+    prepared = _prepare(manifest)
+    others = (mover for index, mover in enumerate(prepared.movers) if index not in moved)
+    outlines = (outline.footprint for mover in others for outline in mover.shown({}))
+    return ObstacleMap((*prepared.resting, *outlines), manifest.person_radius_m)
 
 
 def _person(manifest: Manifest, path: str) -> _Person:
