@@ -353,20 +353,25 @@ def measure_cascade(case: str, *, seed: int, repetitions: int) -> CoverageRow:
     """Measure estimates from two engines with costs of 1 and `COSTLY`, in 40 batches of 60."""
     correlation = CASCADE_CASES[case]
     rare = correlation is None
+    low, right, high = 0.005, 0.02, 0.025
     # The costly score mixes the cheap one, of deviation 0.6 / √12, and noise of deviation 1 / √12.
     noise = 0.0 if correlation is None else 0.6 * (1 / correlation**2 - 1) ** 0.5
     spread = noise / (1 + noise)
 
     def scores(points: Floats, level: int) -> Floats:
         if rare:
-            fails = points[:, 0] < 0.02 if level == 0 else (points[:, 0] > 0.005) & (points[:, 0] < 0.025)
+            fails = points[:, 0] < right if level == 0 else (points[:, 0] > low) & (points[:, 0] < high)
             return np.where(fails, 0.1, 0.9)
         cheap = 0.2 + 0.6 * points[:, 0]
         return cheap if level == 0 else (1 - spread) * cheap + spread * points[:, 1]
 
-    truth = 0.02 if rare else 0.5
     held, pairs, squares, plain = [], [], [], []
     for repetition in range(seed, seed + repetitions):
+        if case == "any rates":
+            rng = np.random.default_rng([repetition, 8])
+            right = float(np.exp(rng.uniform(np.log(0.005), np.log(0.3))))
+            low, high = right * rng.uniform(0.02, 0.7), right + float(np.exp(rng.uniform(np.log(5e-4), np.log(0.05))))
+        truth = high - low if rare else 0.5
         strategy = Cascade(Cube(2), seed=repetition, costs=(1, COSTLY), at_least=AT_LEAST if rare else None)
         cost = 0
         for _ in range(40):
@@ -388,7 +393,7 @@ def measure_cascade(case: str, *, seed: int, repetitions: int) -> CoverageRow:
 
 
 COMPARE_CASES: Final = ("mild", "flips in 5 %", "flips in 0.5 %")
-#: Name to the correlation of the engines' scores; None for failures of 2 % of which a quarter differ.
-CASCADE_CASES: Final = {"correlation 0.8": 0.8, "correlation 0.95": 0.95, "rare failures": None}
+#: Name to the correlation of the engines' scores; None for failure rates: of 2 %, of which a quarter differs, or drawn.
+CASCADE_CASES: Final = {"correlation 0.8": 0.8, "correlation 0.95": 0.95, "rare failures": None, "any rates": None}
 #: Cost of the costly engine, in units of the cheap one's.
 COSTLY: Final = 25

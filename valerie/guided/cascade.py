@@ -6,9 +6,11 @@ s²(y − βx) / m + β² s²(x) / N (Cochran 1977, *Sampling Techniques*, secti
 √(ρ² / (1 − ρ²) · cost ratio) for each pair, the best split of a budget (Peherstorfer and others 2016,
 doi:10.1137/15M1046472); correlation ρ and split are measured again in every batch.
 
-For a *rare failure*, normal intervals covered 51 to 70 % in trials. Instead, the verdict of the cheap engine defines two
-strata, each with half of the costly points. The bounds combine those of Clopper and Pearson for the size of the strata and
-for the rates in both, each at a third of the error. They are valid for any number of points fixed in advance, but wide.
+For a *failure rate*, normal intervals covered 51 to 70 % in trials. Instead, the verdict of the cheap engine defines two strata
+of shares W and 1 − W. The costly points are divided as W √¼ to (1 − W) √0.01, the deviations where it is right half of the time,
+and where it misses 1 %: by cheap verdicts only, so that the bounds of Clopper and Pearson hold within each stratum. They are
+combined by recovered variances: with the distances d of each bound from its estimate, that of the sum is the root of Σ (W d)²
+(Zou and Donner 2008, doi:10.1002/sim.3095).
 """
 
 from __future__ import annotations
@@ -32,6 +34,8 @@ Floats = NDArray[np.float64]
 
 #: Fewest pairs for an interval.
 FEWEST: Final = 50
+#: Deviations of costly verdicts that are assumed where the cheap engine fails, and where it passes.
+ASSUMED: Final = (0.5, 0.1)
 #: Most cheap points for each pair.
 MOST_CHEAP: Final = 50.0
 _EXAMPLES: Final = 8
@@ -180,8 +184,10 @@ class Cascade:
         if self.at_least is None:
             return left[:wanted]
         fails = self._cheap[left] < self.at_least
-        half = min(math.ceil(wanted / 2), int(fails.sum()))
-        return np.sort(np.concatenate([left[fails][:half], left[~fails][: wanted - half]]))
+        share = float((self._cheap[~np.isnan(self._cheap)] < self.at_least).mean())
+        failing, passing = share * ASSUMED[0], (1 - share) * ASSUMED[1]
+        count = min(math.ceil(wanted * failing / (failing + passing)), int(fails.sum()))
+        return np.sort(np.concatenate([left[fails][:count], left[~fails][: wanted - count]]))
 
     def _both(self) -> NDArray[np.bool_]:
         return ~np.isnan(self._cheap) & ~np.isnan(self._costly)
@@ -194,7 +200,13 @@ class Cascade:
         x, y = self._judged(self._cheap[both]), self._judged(self._costly[both])
         if np.count_nonzero(both) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
             return math.nan
-        return float(np.corrcoef(x, y)[0, 1])
+        if self.at_least is None:
+            return float(np.corrcoef(x, y)[0, 1])
+        # The pairs have another share of failures than the domain.
+        share, strata = self._strata(both)
+        weight, failing, passing = (part.shrunk for part in (share, *strata))
+        rate = weight * failing + (1 - weight) * passing
+        return (failing - passing) * math.sqrt(weight * (1 - weight) / (rate * (1 - rate)))
 
     @property
     def result(self) -> TwoEngines | None:
@@ -207,7 +219,7 @@ class Cascade:
             method = "regression on the cheap engine, Student's t"
         else:
             estimate, low, high = self._rate(both)
-            saved, method = math.nan, "strata by the cheap engine, Clopper and Pearson"
+            saved, method = math.nan, "strata by the cheap engine, recovered variances of Clopper and Pearson"
         apart = np.abs(self._judged(self._cheap) - self._judged(self._costly))
         order = np.argsort(-np.where(both, apart, -1.0), kind="stable")[:_EXAMPLES]
         disagree = self._points[order[both[order] & (apart[order] > 0)]]
@@ -233,24 +245,25 @@ class Cascade:
         saved = 1 - variance / alone if alone > 0 else math.nan
         return estimate, max(estimate - half, 0.0), min(estimate + half, 1.0), saved
 
-    def _rate(self, both: NDArray[np.bool_]) -> tuple[float, float, float]:
+    def _strata(self, both: NDArray[np.bool_]) -> tuple[_Share, tuple[_Share, _Share]]:
+        """Return how many points the cheap engine fails, and of these and of the others how many the costly one fails."""
         assert self.at_least is not None, "a failure rate has a bound"
-        known = ~np.isnan(self._cheap)
-        cheap_fails = self._cheap < self.at_least
-        share = _Share(int((cheap_fails & known).sum()), int(known.sum()))
-        within = [
+        known, cheap_fails = ~np.isnan(self._cheap), self._cheap < self.at_least
+        failing, passing = (
             _Share(int((self._costly[both & stratum] < self.at_least).sum()), int((both & stratum).sum()))
             for stratum in (cheap_fails, ~cheap_fails)
-        ]
-        error = 0.05 / 3
-        ends = []
-        for side in (0, 1):
-            failing, passing = (rate.bounds(error)[side] for rate in within)
-            # The rate grows with the failing stratum where that fails more often.
-            sizes = [size * failing + (1 - size) * passing for size in share.bounds(error)]
-            ends.append((min, max)[side](sizes))
-        estimate = share.estimate * within[0].estimate + (1 - share.estimate) * within[1].estimate
-        return estimate, ends[0], ends[1]
+        )
+        return _Share(int((cheap_fails & known).sum()), int(known.sum())), (failing, passing)
+
+    def _rate(self, both: NDArray[np.bool_]) -> tuple[float, float, float]:
+        share, strata = self._strata(both)
+        (failing, passing), weight = (stratum.estimate for stratum in strata), share.estimate
+        estimate = weight * failing + (1 - weight) * passing
+        parts = zip((weight, 1 - weight, failing - passing), (*strata, share), strict=True)
+        steps = [(factor * (bound - part.estimate)) for factor, part in parts for bound in part.bounds(0.05)]
+        below = math.sqrt(sum(step**2 for step in steps if step < 0))
+        above = math.sqrt(sum(step**2 for step in steps if step > 0))
+        return estimate, max(estimate - below, 0.0), min(estimate + above, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,10 +275,17 @@ class _Share:
 
     @property
     def estimate(self) -> float:
-        return self.hits / self.count if self.count else 0.0
+        return self.hits / self.count if self.count else 0.5
+
+    @property
+    def shrunk(self) -> float:
+        """The estimate, drawn towards ½ so that few points never look certain."""
+        return (self.hits + 0.5) / (self.count + 1)
 
     def bounds(self, error: float) -> tuple[float, float]:
         """Return the bounds of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404)."""
+        if not self.count:
+            return 0.0, 1.0
         missed = self.count - self.hits
         low = float(betaincinv(self.hits, missed + 1, error / 2)) if self.hits else 0.0
         return low, float(highest_share(self.hits, self.count, 1 - error / 2))
