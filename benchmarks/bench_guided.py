@@ -25,7 +25,15 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks import guided_goals, guided_peers, planted_modes, planted_scores, planted_streets, results
+from benchmarks import (
+    guided_goals,
+    guided_overhead,
+    guided_peers,
+    planted_modes,
+    planted_scores,
+    planted_streets,
+    results,
+)
 from valerie.guided.domain import Cube
 from valerie.guided.estimate import Estimate
 from valerie.guided.strategy import pursue
@@ -47,7 +55,7 @@ SEEN: Final[dict[str, dict[str, Any]]] = {
 LARGE: Final = 10_000
 #: Number of estimates per planted score.
 DRAWS: Final = 5
-GOALS: Final = ("find", "map", "compare", "cascade", "rank", "pairs", "rates", "estimate")
+GOALS: Final = ("find", "map", "compare", "cascade", "rank", "pairs", "rates", "overhead", "estimate")
 #: Failure rate, budget and batch of the cells.
 CELLS: Final = ((1e-2, 2048, 512), (1e-3, 8192, 2048), (1e-1, 2048, 512), (1e-4, 65_536, 8192))
 
@@ -224,6 +232,12 @@ def measure_others(
             )
             for rate, budget, _ in cells
             for family in scored
+        ]
+    if "overhead" in goals:
+        runs += [
+            partial(guided_overhead.measure_overhead, goal, batch)
+            for goal in guided_overhead.GOALS
+            for batch in guided_overhead.SIZES
         ]
     rows: list[dict[str, Any]] = []
     for run in runs:
