@@ -3,7 +3,8 @@
 A planted table is stored as that of a completed run; its rows show the frames of a drawn run of 960 x 540 pixels. Times are
 wall times: from the address, or from the last movement of the mouse, until the page has painted. `views` are histograms,
 density, parallel coordinates and the rows; `thumbnails` also the 48 pictures of these rows; `rates` also the rates with
-intervals.
+intervals. `frames` are the pictures a second of a scatter plot of as many points as the page draws one by one, while a
+brush is dragged over it.
 ``python -m benchmarks.bench_explore [ROWS]``.
 """
 
@@ -13,6 +14,7 @@ import io
 import os
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.db.engine import reading
 from valerie.db.frames import page as page_of_frames
 from valerie.pipeline.base.run_artifacts import TABLE_PARQUET
+from valerie.pipeline.exploring.linked_views import MAX_POINTS
 from valerie.pipeline.exploring.thumbnails import MAX_TILES
 from valerie.storage.keys import run_key
 
@@ -120,6 +123,37 @@ def brush(page: Page, generator: np.random.Generator) -> dict[str, float]:
     return took
 
 
+#: Counts painted frames.
+_COUNT = """
+() => {
+  window.framesPainted = 0;
+  const next = () => { window.framesPainted += 1; requestAnimationFrame(next); };
+  next();
+}
+"""
+
+
+def frames_per_second(page: Page, address: str) -> float:
+    """Return the painted frames a second while a brush is dragged over nearly `MAX_POINTS` points."""
+    page.goto("about:blank")
+    page.goto(address)
+    page.wait_for_function(_ALL, timeout=120_000)
+    shown = int(page.locator(".select strong").inner_text().split()[0].replace(",", ""))
+    assert 0.8 * MAX_POINTS < shown <= MAX_POINTS, "they are drawn one by one"
+    box = page.locator(".scatter-canvas").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 80, box["y"] + 30)
+    page.mouse.down()
+    page.evaluate(_COUNT)
+    started = time.perf_counter()
+    for step in range(120):
+        page.mouse.move(box["x"] + 90 + 2 * step, box["y"] + 40 + step)
+    rate = page.evaluate("() => window.framesPainted") / (time.perf_counter() - started)
+    page.keyboard.press("Escape")
+    page.mouse.up()
+    return float(rate)
+
+
 #: Fetches sheets of thumbnails, decodes them and paints them.
 _SHEETS = """
 async (addresses) => {
@@ -183,6 +217,7 @@ def main() -> None:
                 if "--type=renderer" in process.cmdline()
             ]
             tab = max(process.memory_full_info().uss for process in renderers) / 2**20
+            rate = frames_per_second(page, f"{address}&where=distance_m+%3C+{5 + 55 * 0.9 * MAX_POINTS / rows}")
             assert f"of {rows:,} rows" in page.locator(".select strong").inner_text(), "the planted rows are explored"
             browser.close()
     took = {part: [one[part] for one in brushes] for part in _MARKS}
@@ -193,6 +228,7 @@ def main() -> None:
         "brush_ms_p50": {part: round(float(np.median(values))) for part, values in took.items()},
         "brush_ms_p95": {part: round(float(np.quantile(values, 0.95))) for part, values in took.items()},
         "thumbnails_per_s": {name: round(rate) for name, rate in rates.items()},
+        "frames_per_s": round(rate),
         "tab_mb": round(tab),
     }
     figures["missed"] = missed(figures)
@@ -213,6 +249,8 @@ def missed(figures: dict[str, Any]) -> list[str]:
         for name, rate in figures["thumbnails_per_s"].items()
         if rate < 500
     ]
+    if figures["frames_per_s"] < 30:
+        slow.append(f"frames of the scatter plot: {figures['frames_per_s']} a second; aim: at least 30")
     return [
         f"{name}: {value:g} {unit}; aim: at most {aim:g}"
         for name, (value, aim, unit) in measured.items()
