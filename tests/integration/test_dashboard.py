@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import fmean
@@ -189,6 +190,19 @@ def test_a_finished_run_shows_its_table_and_every_evaluated_person_as_a_point(pa
     page.keyboard.press("ArrowRight")
     page.wait_for_selector(".tip")
     assert "pACC" in page.locator(".tip").first.inner_text()
+
+
+def test_verdicts_come_first_on_the_page_and_in_the_report(page: Page, url: str) -> None:
+    open_run(page, "finished")
+    page.wait_for_selector(".verdicts h2")
+    before = page.evaluate(
+        "() => [...document.querySelectorAll('main .verdicts, main table, main .plot')].map((one) => one.className)[0]"
+    )
+    assert before == "verdicts"
+    run = page.url.rsplit("/", 1)[1].split("?")[0]
+    report = httpx.get(f"{url}/v1/runs/{run}/report", headers={"Authorization": f"Bearer {TOKEN}"}, timeout=60)
+    sections = re.findall(r'<section id="([a-z]+)"', report.text)
+    assert sections[:3] == ["short", "requirements", "findings"]
 
 
 def test_another_axis_is_part_of_the_address(page: Page) -> None:
