@@ -332,6 +332,7 @@ class Study(_Read):
         reason: the event that it waits for, or the reason why it ended.
         by_hand: whether a person accepts each batch.
         result: its result; None while nothing is known.
+        outlook: what is missing for the goal and its cost, in words; None where that is not known, and in a list of studies.
         batches: its batches; empty in a list of studies.
     """
 
@@ -342,6 +343,7 @@ class Study(_Read):
     by_hand: bool
     goal: str
     result: StudyKnown | None = None
+    outlook: str | None = None
     created_at: Moment
     batches: tuple[StudyBatch, ...] = ()
 

@@ -364,6 +364,8 @@ def _show(study: Study, *, as_json: bool) -> None:
         out.print("The study ended without a result." if study.state in ("finished", "stopped") else "No result yet.")
     for sentence in () if study.result is None else study.result.sentences:
         out.print(sentence)
+    if study.outlook:
+        out.print(study.outlook)
 
 
 def _show_next(batch: NextBatch, *, as_json: bool) -> None:

@@ -51,6 +51,7 @@ class TwoEngines(Result):
         correlation: between the engines' scores, or failures, on the same points; NaN if one of them is constant.
         cheap, costly: number of points of each engine.
         costs: mean cost of a point by the cheap and the costly engine; NaN where unknown.
+        ratio: the optimal number of cheap points for each pair, from correlation and costs; NaN where unknown.
         saved: share of costly points saved at equal variance, 1 − variance ratio; NaN for failure rates.
         disagree: (k, dimensions) points on which the engines differ most.
         undefined: number of points on which the costly engine has no score; they are left out.
@@ -64,6 +65,7 @@ class TwoEngines(Result):
     cheap: int
     costly: int
     costs: tuple[float, float]
+    ratio: float
     saved: float
     disagree: UnitPoints
     undefined: int
@@ -227,7 +229,18 @@ class Cascade:
         correlation = self._correlation()
         undefined = int(np.count_nonzero(self._paired & np.isnan(self._costly)))
         return TwoEngines(
-            estimate, low, high, method, correlation, cheap, costly, self.costs, saved, disagree, undefined
+            estimate,
+            low,
+            high,
+            method,
+            correlation,
+            cheap,
+            costly,
+            self.costs,
+            self._ratio(),
+            saved,
+            disagree,
+            undefined,
         )
 
     def _mean(self, both: NDArray[np.bool_]) -> tuple[float, float, float, float]:

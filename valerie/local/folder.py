@@ -152,9 +152,11 @@ class Folder:
         """Return a study with its batches."""
         from valerie.db import studies
         from valerie.db.engine import reading
+        from valerie.pipeline.control.studies.reporting import outlook
 
         with reading(self._context.engine) as connection:
-            return _study(studies.get(connection, study_id), studies.batches(connection, study_id))
+            row, batches = studies.get(connection, study_id), studies.batches(connection, study_id)
+        return _study(row, batches, outlook=outlook(row, batches, row.result))
 
     def study_report(self, study_id: str) -> bytes:
         """Return the self-contained HTML report of a study, with what is known now."""
@@ -183,7 +185,7 @@ def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:
     )
 
 
-def _study(row: StudyRow, batches: Iterable[BatchRow] = ()) -> Study:
+def _study(row: StudyRow, batches: Iterable[BatchRow] = (), *, outlook: str | None = None) -> Study:
     return Study(
         id=row.id,
         name=row.name,
@@ -192,6 +194,7 @@ def _study(row: StudyRow, batches: Iterable[BatchRow] = ()) -> Study:
         by_hand=row.by_hand,
         goal=row.document.goal.name,
         result=None if row.result is None else StudyKnown(sentences=row.result.sentences),
+        outlook=outlook,
         created_at=row.created_at,
         batches=tuple(map(_batch, batches)),
     )

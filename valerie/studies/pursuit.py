@@ -28,7 +28,7 @@ from valerie.guided.find import Find, Modes
 from valerie.guided.map import Boundary, Map
 from valerie.guided.rank import Rank
 from valerie.guided.strategy import Proposal, Result, Strategy, StrategyFactory
-from valerie.guided.verify import Verify
+from valerie.guided.verify import Verification, Verify
 from valerie.parameters.samplers import UnitPoints
 from valerie.runs.document.run_spec import RunSpec, engine_name
 from valerie.runs.study.study_document import (
@@ -175,7 +175,12 @@ class Pursuit:
         if known is None:
             return None
         known = in_quantity(known, self.study)
-        return StudyResult(sentences=result_sentences(known, self.study), numbers=_numbers(known), batches=self.told)
+        return StudyResult(
+            sentences=result_sentences(known, self.study),
+            numbers=_numbers(known),
+            batches=self.told,
+            further=self._further(known),
+        )
 
     def enough(self) -> str | None:
         """Return the reason why the stop rule ends the study; None if it does not."""
@@ -186,6 +191,21 @@ class Pursuit:
         if interval.high - interval.low > width:
             return None
         return f"the interval is {interval.high - interval.low:.4g} wide; {width:g} was requested"
+
+    def _further(self, known: Result) -> int | None:
+        """Return the expected number of further variants until the study can end by itself."""
+        width = self.study.document.stop.width
+        match known:
+            case Verification(further=int(further)):
+                each = known.evaluations / (known.evaluations - known.undefined)
+            case Difference(further=int(further)):
+                each = 1 + known.undefined / known.pairs
+            case FailureRate(assumption_free=interval) if width is not None:
+                # The width shrinks with the root of the number of variants.
+                further, each = known.evaluations, ((interval.high - interval.low) / width) ** 2 - 1
+            case _:
+                return None
+        return math.ceil(further * each) if further * each > 0 else None
 
     def decisive(self) -> list[tuple[int, int, str]]:
         """Return the variants to look at: (batch, index, description), from the outcomes so far."""

@@ -66,6 +66,7 @@ class StudyReport:
 
     Attributes:
         ended: whether the study proposes no more.
+        outlook: what is missing for the goal and its cost, in words; empty where nothing is, or it is not known.
         boundary: a slice of a map; None for the other goals.
         totals: variants, rejected, failed, without score and CPU time of all batches.
     """
@@ -76,6 +77,7 @@ class StudyReport:
     state: str
     ended: bool
     sentences: tuple[str, ...]
+    outlook: str
     boundary: BoundarySlice | None
     pictures: tuple[ShownPicture, ...]
     batches: tuple[ShownBatch, ...]

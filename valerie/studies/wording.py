@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import isfinite
+from typing import Final
 
 import numpy as np
 
@@ -15,13 +16,17 @@ from valerie.guided.estimate import MOST_UNKNOWN, FailureRate
 from valerie.guided.explain import MinimalPair, Verdict
 from valerie.guided.find import Mode, Modes
 from valerie.guided.map import CONFIDENCE, WRONG, Boundary, Call
-from valerie.guided.rank import FEWEST, Effect, Ranking
+from valerie.guided.rank import FEWEST, Effect, Ranking, Share
 from valerie.guided.strategy import Result
 from valerie.guided.verify import Verification
 from valerie.parameters.samplers import UnitPoints
+from valerie.runs.moments import duration
 from valerie.runs.study.study_document import CascadeGoal, CompareGoal, FindGoal, VerifyGoal
 from valerie.statistics.intervals import Interval
 from valerie.studies.resolved import ResolvedStudy
+
+#: When an interval for a fixed number of variants holds.
+_AT_BUDGET: Final = "when the budget is spent, not for a study that someone stops because of"
 
 
 def in_quantity(known: Result, study: ResolvedStudy) -> Result:
@@ -73,7 +78,7 @@ def _failure_rate(known: FailureRate, study: ResolvedStudy) -> tuple[str, ...]:
         f"{100 * known.hidden_mode:.2f} %."
     )
     sentences.append(
-        "The intervals hold when the budget is spent; they do not for a study that someone stops because of them."
+        f"The intervals hold {_AT_BUDGET} them."
         if study.document.stop.width is None
         else "The confidence of each interval is high enough for all planned looks to hold together with 95 %."
     )
@@ -169,9 +174,7 @@ def _verification(known: Verification, study: ResolvedStudy) -> tuple[str, ...]:
             f"{counted(known.decided_after, 'score')} decided; the chance of a false verdict is at most "
             f"{1 - known.confidence:.2g}, whenever the study is read."
         )
-    elif known.further is not None:
-        sentences.append(f"About {counted(known.further, 'further score')} decide if the estimate is right.")
-    elif known.evaluations > known.undefined:
+    elif known.further is None and known.evaluations > known.undefined:
         sentences.append("The estimate is too close to the bound for any affordable number of scores.")
     if known.undefined:
         sentences.append(f"{counted(known.undefined, 'score')} of {known.evaluations:,} undefined and left out.")
@@ -196,6 +199,8 @@ def _difference(known: Difference, study: ResolvedStudy) -> tuple[str, ...]:
         "It is undecided which is better." if known.better is None else f"Better: {(first, second)[known.better]}.",
         *((wide,) if known.further is not None and known.half_width > known.within else ()),
         *((undefined,) if known.undefined else ()),
+        f"The interval holds nearly when the study ends by itself, at ± {known.within:g} (Chow and Robbins) or with its "
+        "budget, not for a study that someone stops because of it; which function is better holds at any time.",
     )
 
 
@@ -208,20 +213,25 @@ def _ranking(known: Ranking, study: ResolvedStudy) -> tuple[str, ...]:
         sentences.append(f"{counted(known.broken, 'block')} without all scores left out.")
     if not known.refused and known.blocks < FEWEST:
         sentences.append(f"Shares of variance need {FEWEST} whole blocks; {known.blocks} so far.")
+    if any(effect.shapley for effect in known.effects):
+        sentences.append("A Shapley effect has an even part of each interaction; all of them add up to the variance.")
     return tuple(sentences)
 
 
 def _effect(effect: Effect, study: ResolvedStudy) -> str:
     name = "The others together" if effect.dimension is None else study.domain.names[effect.dimension]
-    if effect.total is None or effect.alone is None:
+    if effect.total is None or effect.alone is None or effect.shapley is None:
         known = isfinite(effect.elementary)
         return f"{name}: mean elementary effect {f'{effect.elementary:.3f}' if known else 'not known'}."
-    signed = f"{100 * effect.alone.estimate:.0f}".replace("-", "−")
     return (
-        f"{name}: {100 * effect.total.estimate:.0f} % of the variance with interactions "
-        f"({100 * effect.total.low:.0f} … {100 * effect.total.high:.0f}, 95 % confidence), "
-        f"{signed} % alone."
+        f"{name}: {_share(effect.total, ', 95 % confidence')} of the variance with interactions, "
+        f"{_share(effect.alone)} alone, Shapley effect {_share(effect.shapley)}."
     )
+
+
+def _share(share: Share, of: str = "") -> str:
+    ends = f"{100 * share.low:.0f} … {100 * share.high:.0f}"
+    return f"{100 * share.estimate:.0f} % ({ends}{of})".replace("-", "−")
 
 
 def _two_engines(known: TwoEngines, study: ResolvedStudy) -> tuple[str, ...]:
@@ -236,11 +246,31 @@ def _two_engines(known: TwoEngines, study: ResolvedStudy) -> tuple[str, ...]:
         else "the correlation of the engines is not known, since the scores of one are constant"
     )
     undefined = f"{counted(known.undefined, 'costly point')} without a score left out."
+    cheap, costly = known.costs
+    prices = f"A point costs {cheap:.3g} s of CPU time by the cheap and {costly:.3g} s by the costly engine"
+    split = f": {known.ratio:.1f} cheap points for each costly one narrow the interval at the lowest price"
+    saved = f"The cheap engine takes {100 * known.saved:.0f} % off the variance that the costly points alone have."
     return (
         f"The {what} by the costly engine is {estimate:.4f} ({low:.4f} … {high:.4f}, 95 % confidence): {known.method}.",
         f"{known.costly:,} costly and {known.cheap:,} cheap points; {correlation}.",
+        *((prices + (split if isfinite(known.ratio) else "") + ".",) if isfinite(cheap + costly) else ()),
+        *((saved.replace("-", "−"),) if isfinite(known.saved) else ()),
         *((undefined,) if known.undefined else ()),
+        f"The interval holds {_AT_BUDGET} it.",
     )
+
+
+def outlook_text(further: int, left: int, seconds: float | None) -> str:
+    """Return in words what a study lacks for its goal.
+
+    Args:
+        further: expected number of further variants.
+        left: variants left in its budget.
+        seconds: their CPU time; None where no variant has a price.
+    """
+    price = "" if seconds is None else f", {duration(seconds)} of CPU time,"
+    over = f"; the budget has {left:,} left" if further > left else ""
+    return f"About {counted(further, 'further variant')}{price} are expected to reach the goal{over}."
 
 
 def _shown(point: UnitPoints, study: ResolvedStudy) -> dict[int, str]:

@@ -57,7 +57,7 @@ export async function studyView({ main, key, signal }) {
         explored(study), fileLink("Report", `${path}/report`, `${key}-study.html`, true),
         going && may("POST /v1/studies/{study_id}/stop") ? h("button", { type: "button", class: "danger", on: { click: stop } }, "Stop") : null)));
     put(reason, [study.state, study.reason], study.reason && !waiting ? h("p", { class: `note ${study.state === "paused" ? "wait" : ""}` }, `${heading(words(study.state))}: ${study.reason}`) : null);
-    put(result, [study.result, study.batches.length], known(study));
+    put(result, [study.result, study.outlook, study.batches.length], known(study));
     put(budget, [study.left, study.batches.map((batch) => batch.cpu_seconds)], spent(study));
     put(next, [waiting?.number, proposal?.number], waiting && proposal ? proposed(study, waiting, proposal, (size) => act(`${path}/accept${size}`, `Batch ${waiting.number + 1} is accepted.`)) : null);
     put(batches, [study.batches, [...progress]], history(study, progress));
@@ -82,11 +82,11 @@ function explored({ batches }) {
   return runs.length ? h("a", { class: "button", href: `#/explore?runs=${runs.join(",")}` }, "Explore") : null;
 }
 
-function known({ result, batches, finished_at: ended }) {
+function known({ result, outlook, batches, finished_at: ended }) {
   if (!result) return h("section", { class: "card" }, h("h2", {}, "Result"), h("p", { class: "soft" }, ended ? "The study ended without a result." : "No result yet."));
   const numbers = Object.entries(result.numbers).map(([name, value]) => [heading(name.replaceAll("_", " ")), figure(value)]).filter(([, text]) => text);
   return h("section", { class: "card" }, h("h2", {}, ended ? "Result" : "Result so far"),
-    h("div", { class: "stack sentences" }, result.sentences.map((sentence, i) => h("p", {}, i ? sentence : h("strong", {}, sentence)))),
+    h("div", { class: "stack sentences" }, result.sentences.map((sentence, i) => h("p", {}, i ? sentence : h("strong", {}, sentence))), outlook ? h("p", {}, outlook) : null),
     numbers.length ? h("details", { class: "more" }, h("summary", {}, "Numbers"), h("dl", { class: "facts" }, numbers.map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "number" }, text))))) : null,
     h("p", { class: "small soft under" }, `Rests on ${count(result.batches)} of ${plural(batches.length, "batch", "batches")}.`));
 }

@@ -145,6 +145,7 @@ def read(
         **_study(row).model_dump(),
         document=row.document.to_yaml(),
         left=left(row, batches),
+        outlook=reporting.outlook(row, batches, row.result),
         batches=[BatchRead.model_validate(vars(batch) | _derived(batch, bound)) for batch in batches],
     )
     return send_page(detail, known=if_none_match, encodings=request.headers.get("accept-encoding"))

@@ -88,6 +88,10 @@ class StudyRead(Read):
 class StudyDetail(StudyRead):
     document: str = Field(description="the study as the text of a file", examples=["name: how often\n…"])
     left: int = Field(description="variants left in the budget", examples=[128])
+    outlook: str | None = Field(
+        description="what is missing for the goal, with its cost at the mean price so far; null where that is not known",
+        examples=["About 120 further variants, 14 min 2 s of CPU time, are expected to reach the goal."],
+    )
     batches: list[BatchRead]
 
 

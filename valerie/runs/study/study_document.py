@@ -418,8 +418,11 @@ class StudyResult(Document):
         sentences: the result in words.
         numbers: the result by name.
         batches: number of batches behind it.
+        further: expected number of further variants until the goal is decided or known as well as requested; None where
+            nothing is missing, or the number is not known.
     """
 
     sentences: tuple[str, ...]
     numbers: dict[str, JsonValue]
     batches: int
+    further: int | None = None

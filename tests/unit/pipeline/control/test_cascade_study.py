@@ -123,6 +123,15 @@ def test_the_estimate_and_the_split_follow_from_scores_and_prices(
     assert numbers["costs"] == pytest.approx(price)
     # A layer costs 0.4 by the one and 30 by the other engine; truth and prediction cost 0.8 with both.
     assert price[1] - price[0] == pytest.approx(COSTLY - 0.4, abs=0.1)
+    rho = numbers["correlation"]
+    ratio = min(max(np.sqrt(rho**2 / (1 - rho**2) * price[1] / price[0]), 1), 50)
+    said = " ".join(study.result.sentences)
+    assert f"{price[0]:.3g} s of CPU time by the cheap and {price[1]:.3g} s by the costly engine: {ratio:.1f} cheap" in said
+    residuals = y - y.mean() - beta * (x - x.mean())
+    others = np.array([score for score in scores["raster"].values() if not np.isnan(score)])
+    variance = (residuals**2).sum() / (len(y) - 2) / len(y) + beta**2 * others.var(ddof=1) / len(others)
+    assert f"takes {100 * (1 - variance / (y.var(ddof=1) / len(y))):.0f} % off the variance" in said
+    assert "not for a study that someone stops" in said
 
 
 def test_the_report_shows_variants_on_which_the_engines_disagree(

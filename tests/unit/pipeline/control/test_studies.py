@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -27,9 +27,10 @@ from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.studies import advancing, commands
-from valerie.pipeline.control.studies.reporting import report
+from valerie.pipeline.control.studies.reporting import outlook, report
 from valerie.pipeline.control.studies.resolving import resolve_document
 from valerie.pipeline.work import finish
+from valerie.runs.moments import duration
 from valerie.runs.products.states import RunState
 from valerie.runs.study.study_document import Outcomes, PluginGoal, StudyState, parse_study
 from valerie.studies import pursuit
@@ -360,7 +361,8 @@ def planted(pipeline: Pipeline, score: Callable[..., Any], **more: Any) -> tuple
         proposal = known.ask(batches, min(parsed.batch, left))
         if not len(proposal) and not known.waits:
             break
-        columns = np.atleast_2d(score(*proposal.points.T)).tolist()
+        scored = np.atleast_2d(score(*proposal.points.T))
+        columns = np.where(np.isnan(scored), None, scored).tolist()
         scores = Outcomes(scores=columns[0], second=columns[1] if len(columns) == 2 else ())
         batches.append(Told(parsed.batch, proposal.points.tolist(), scores))
     known.follow(batches, everything=True)
@@ -406,7 +408,7 @@ def test_map_draws_the_two_parameters_that_change_calls(pipeline: Pipeline) -> N
     texts = dict.fromkeys(("id", "name", "question", "state", "measure", "where", "document", "digest"), "text")
     page = build_report(
         StudyReport(
-            **texts, ended=True, sentences=(), boundary=drawn, pictures=(), batches=(), totals=(), asset_digest="text"
+            **texts, ended=True, sentences=(), outlook="", boundary=drawn, pictures=(), batches=(), totals=(), asset_digest="text"
         )
     )
     areas = re.findall(r'<rect x="\d+" y="\d+" width="(\d+)" height="1" fill="(#\w+)"', page)
@@ -421,6 +423,15 @@ def test_rank_names_the_parameter_that_matters_first(pipeline: Pipeline) -> None
     assert result is not None
     assert result.sentences[0].startswith("person-1.pos.y: 9")
     assert result.numbers["blocks"] == (260 - 30) // 4
+    shapley = {}
+    for sentence in result.sentences[:2]:
+        match = re.search(r"Shapley effect (\d+) % \((−?\d+) … (\d+)\)", sentence)
+        assert match is not None
+        shapley[sentence.partition(":")[0]] = (int(match[1]), int(match[2].replace("−", "-")), int(match[3]))
+    for name, share in {"person-1.pos.x": 100 / 17, "person-1.pos.y": 1600 / 17}.items():  # of an additive score
+        estimate, low, high = shapley[name]
+        assert estimate == pytest.approx(share, abs=10)
+        assert low < estimate < high
 
 
 def test_verify_bounds_the_mean_score_without_a_share(pipeline: Pipeline) -> None:
@@ -463,6 +474,45 @@ def test_what_the_intervals_of_a_rate_hold_for_is_said(pipeline: Pipeline) -> No
     sentences = planted(pipeline, never, goal=goal, stop={"width": 0.001})[0].result().sentences  # type: ignore[union-attr]
     assert "99.44 % confidence" in sentences[0]
     assert "all planned looks" in sentences[-1]
+
+
+def test_an_undecided_study_expects_further_variants_from_its_scores(pipeline: Pipeline) -> None:
+    def close(x: Any, y: Any) -> Any:
+        return np.where(x < 0.25, np.nan, np.where(y < 0.45, 0.0, 1.0))
+
+    known = planted(pipeline, close, goal="verify")[0].result()
+    assert known is not None
+    numbers: Any = known.numbers
+    assert numbers["outcome"] == "undecided"
+    assert known.further == pytest.approx(numbers["further"] * 260 / (260 - numbers["undefined"]), abs=1)
+    functions = ["blank", "deeplabv3plus-small"]
+    goal = {"name": "compare", "within": 0.02}
+    known = planted(pipeline, lambda x, y: np.stack([0.5 * x, 0.5 * y]), goal=goal, functions=functions)[0].result()
+    assert known is not None
+    numbers = known.numbers
+    assert known.further == pytest.approx(260 * ((numbers["half_width"] / 0.02) ** 2 - 1), abs=1)
+    assert "holds nearly when the study ends by itself, at ± 0.02" in known.sentences[-1]
+    assert "which function is better holds at any time" in known.sentences[-1]
+    known = planted(pipeline, close, goal={"name": "estimate", "first": 100}, stop={"width": 0.05})[0].result()
+    assert known is not None
+    free: Any = known.numbers["assumption_free"]
+    assert known.further == pytest.approx(260 * (((free["high"] - free["low"]) / 0.05) ** 2 - 1), abs=1)
+    assert planted(pipeline, close, goal="estimate")[0].result().further is None  # type: ignore[union-attr]
+
+
+def test_what_an_undecided_study_lacks_is_priced_at_the_mean_of_its_variants(pipeline: Pipeline) -> None:
+    study = begin(pipeline, goal={"name": "verify", "share": 0.4}, budget=SHORT)
+    ended = pursue(pipeline, study)
+    assert ended.result is not None
+    further = ended.result.further
+    assert further is not None
+    done = batches(pipeline, study)
+    seconds = sum(batch.cpu_seconds or 0.0 for batch in done) * further / sum(batch.legal for batch in done)
+    words = f"About {further:,} further variants, {duration(seconds)} of CPU time, are expected to reach the goal"
+    assert outlook(ended, done, ended.result) == f"{words}; the budget has 0 left."
+    assert words in report(pipeline.context, study)
+    free = [replace(batch, cpu_seconds=0.0) for batch in done]
+    assert "CPU" not in (outlook(ended, free, ended.result) or "")
 
 
 def test_compare_takes_the_scores_of_two_functions_in_their_order(pipeline: Pipeline) -> None:

@@ -9,20 +9,22 @@ import structlog
 
 from valerie.db import studies
 from valerie.db.engine import reading
-from valerie.db.studies import BatchRow
+from valerie.db.studies import BatchRow, StudyRow
 from valerie.errors import ValerieError
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.control.studies.advancing import informed_pursuit
+from valerie.pipeline.control.studies.advancing import informed_pursuit, left
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.runs.moments import duration
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
+from valerie.runs.study.study_document import StudyResult
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
 from valerie.studies.resolved import ResolvedStudy
+from valerie.studies.wording import outlook_text
 
 log = structlog.get_logger()
 
@@ -53,6 +55,7 @@ def report(context: Context, study_id: str) -> str:
             state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
             ended=study.state.is_final,
             sentences=() if result is None else result.sentences,
+            outlook=outlook(study, batches, result) or "",
             boundary=pursuit.boundary(),
             pictures=tuple(decisive_pictures(context, pursuit, batches)),
             batches=tuple(_shown(batch, pursuit.study) for batch in batches),
@@ -64,6 +67,16 @@ def report(context: Context, study_id: str) -> str:
             asset_digest=study.asset_digest,
         )
     )
+
+
+def outlook(study: StudyRow, batches: Sequence[BatchRow], result: StudyResult | None) -> str | None:
+    """Return in words what a study lacks for its goal, at the mean price of its variants; None where that is not known."""
+    if result is None or result.further is None:
+        return None
+    ended = [batch for batch in batches if batch.cpu_seconds is not None]
+    seconds, variants = sum(batch.cpu_seconds or 0.0 for batch in ended), sum(batch.legal for batch in ended)
+    price = result.further * seconds / variants if seconds and variants else None
+    return outlook_text(result.further, left(study, batches), price)
 
 
 def _shown(batch: BatchRow, resolved: ResolvedStudy) -> ShownBatch:
