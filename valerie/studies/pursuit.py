@@ -231,6 +231,13 @@ class Pursuit:
         unique = dict(reversed(places))
         return [(*place, words) for place, words in reversed(unique.items())]
 
+    def pair(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
+        """Return the failing and the passing variant of a minimal pair, (batch, index) each; None where there is none."""
+        known = self._known()
+        if not isinstance(known, MinimalPair):
+            return None
+        return self._places(known.failing)[0], self._places(known.passing)[0]
+
     def boundary(self) -> BoundarySlice | None:
         """Return the slice of a map over the two parameters that matter most; None for other goals, or too early."""
         known = self._known()

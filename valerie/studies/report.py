@@ -26,12 +26,12 @@ _COLOURS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class ShownPicture:
-    """A frame of a decisive variant.
+    """A frame of a decisive variant, or the difference of two.
 
     Attributes:
         title: description of the variant.
-        score, values, frame: of the variant, as text.
-        jpeg: the picture with the errors of the function.
+        score, values, frame: of the variant, as text; a difference has no score, and its description instead of values.
+        jpeg: the picture with the errors of the function, or the difference.
     """
 
     title: str

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from math import isfinite
 from typing import Final
@@ -19,6 +20,8 @@ from valerie.guided.map import CONFIDENCE, WRONG, Boundary, Call
 from valerie.guided.rank import FEWEST, Effect, Ranking, Share
 from valerie.guided.strategy import Result
 from valerie.guided.verify import Verification
+from valerie.measures import TableRow
+from valerie.parameters.definitions import TURN, ParameterType
 from valerie.parameters.samplers import UnitPoints
 from valerie.runs.moments import duration
 from valerie.runs.study.study_document import CascadeGoal, CompareGoal, FindGoal, VerifyGoal
@@ -150,7 +153,8 @@ def _minimal_pair(known: MinimalPair, study: ResolvedStudy) -> tuple[str, ...]:
     domain = study.domain
     units = [f" {definition.unit}" if definition.unit else "" for definition in domain.definitions]
     before, last, after = (_shown(point, study) for point in (known.passing, known.inner, known.failing))
-    changes = [f"{domain.names[i]} from {before[i]} to {after[i]}{units[i]}" for i in known.changed]
+    ways = _ways(known, study)
+    changes = [f"{domain.names[i]} from {before[i]} to {after[i]}{units[i]}{ways[i]}" for i in known.changed]
     flips = f"The verdict flips with {' and '.join(changes)}, everything else equal."
     if np.array_equal(known.inner, known.passing):
         return (flips,)
@@ -158,6 +162,30 @@ def _minimal_pair(known: MinimalPair, study: ResolvedStudy) -> tuple[str, ...]:
     still = [f"{domain.names[i]} {last[i]}{units[i]}" for i in known.changed if inner[i] != failing[i]]
     verdict = "passes" if known.inner_verdict is Verdict.PASS else "has no score"
     return flips, f"The variant still {verdict} at {' and '.join(still)}."
+
+
+def _ways(known: MinimalPair, study: ResolvedStudy) -> list[str]:
+    """Return the size of each change in words, by dimension; empty for what is no number."""
+    ways = []
+    values = (study.domain.values(point).values() for point in (known.passing, known.failing))
+    for definition, start, end in zip(study.domain.definitions, *values, strict=True):
+        unit = f" {definition.unit}" if definition.unit else ""
+        if isinstance(start, str | bool) or isinstance(end, str | bool):
+            ways.append("")
+        elif definition.type is ParameterType.ANGLE:
+            ways.append(f" (turned by {shown(abs(math.remainder(end - start, TURN)))}{unit})")
+        else:
+            ways.append(f" ({shown(abs(end - start))}{unit} {'more' if end > start else 'less'})")
+    return ways
+
+
+def conditions_text(row: TableRow) -> str | None:
+    """Return what the truth measured of a failing row's person in words; None where it measured nothing."""
+    numbers = ((row.get("distance_m"), 1, "m away"), (row.get("occlusion_rate"), 100, "% hidden"))
+    numbers = (*numbers, (row.get("shadow_share"), 100, "% in shadow"))
+    known = [f"{scale * value:.3g} {words}" for value, scale, words in numbers if isinstance(value, float)]
+    who = row.get("character") or "the person"
+    return f"When it fails, {who} is {', '.join(known)} ({row['camera']})." if known else None
 
 
 def _verification(known: Verification, study: ResolvedStudy) -> tuple[str, ...]:
@@ -199,8 +227,10 @@ def _difference(known: Difference, study: ResolvedStudy) -> tuple[str, ...]:
         "It is undecided which is better." if known.better is None else f"Better: {(first, second)[known.better]}.",
         *((wide,) if known.further is not None and known.half_width > known.within else ()),
         *((undefined,) if known.undefined else ()),
-        f"The interval holds nearly when the study ends by itself, at ± {known.within:g} (Chow and Robbins) or with its "
-        "budget, not for a study that someone stops because of it; which function is better holds at any time.",
+        (
+            f"The interval holds nearly when the study ends by itself, at ± {known.within:g} (Chow and Robbins) or with its "
+            "budget, not for a study that someone stops because of it; which function is better holds at any time."
+        ),
     )
 
 

@@ -175,6 +175,13 @@ def paint_errors(
     return painted
 
 
+def brightened_difference(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
+    """Return the absolute difference of two pictures, (H, W, 3) uint8, and the factor that makes its largest value white."""
+    difference = np.abs(first.astype(np.int16) - second)
+    gain = 255 / float(difference.max() or 255)
+    return np.rint(gain * difference).astype(np.uint8), gain
+
+
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
     """Encode (H, W, 3) uint8 as JPEG, for reports; not for functions under test."""
     buffer = io.BytesIO()

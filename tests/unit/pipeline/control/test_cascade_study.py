@@ -126,7 +126,10 @@ def test_the_estimate_and_the_split_follow_from_scores_and_prices(
     rho = numbers["correlation"]
     ratio = min(max(np.sqrt(rho**2 / (1 - rho**2) * price[1] / price[0]), 1), 50)
     said = " ".join(study.result.sentences)
-    assert f"{price[0]:.3g} s of CPU time by the cheap and {price[1]:.3g} s by the costly engine: {ratio:.1f} cheap" in said
+    assert (
+        f"{price[0]:.3g} s of CPU time by the cheap and {price[1]:.3g} s by the costly engine: {ratio:.1f} cheap"
+        in said
+    )
     residuals = y - y.mean() - beta * (x - x.mean())
     others = np.array([score for score in scores["raster"].values() if not np.isnan(score)])
     variance = (residuals**2).sum() / (len(y) - 2) / len(y) + beta**2 * others.var(ddof=1) / len(others)

@@ -6,7 +6,7 @@ import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from html import escape
+from html import escape, unescape
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +24,13 @@ from valerie.errors import Conflict, InvalidInput, RenderingError
 from valerie.guided.domain import Cube
 from valerie.guided.estimate import Estimate
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result
+from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.studies import advancing, commands
 from valerie.pipeline.control.studies.reporting import outlook, report
 from valerie.pipeline.control.studies.resolving import resolve_document
+from valerie.pipeline.reading.selection import evaluated_persons
 from valerie.pipeline.work import finish
 from valerie.runs.moments import duration
 from valerie.runs.products.states import RunState
@@ -318,6 +320,45 @@ def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) ->
         scores[words] = outcomes.scores[index]
     assert scores["It fails"] == 0.0
     assert scores["It passes"] == 1.0
+    number, index, _ = places[0]
+    run = batches(pipeline, study)[number].run_id
+    assert run is not None
+    with reading(pipeline.context.engine) as connection:
+        stored = resolve_stored(runs.get(connection, run), pipeline.context.settings)
+        persons = [p.row for p in evaluated_persons(connection, stored) if p.frame.variant == index]
+    missed = [row for row in persons if row["pacc"] == 0.0]
+    page = unescape(report(pipeline.context, study))
+    said = re.search(r"When it fails, (.*) is (\S+) m away, (\S+) % hidden \((.*)\)\.", page)
+    assert said is not None
+    assert said.groups() in [
+        (r["character"] or "the person", f"{r['distance_m']:.3g}", f"{100 * r['occlusion_rate']:.3g}", r["camera"])
+        for r in missed
+    ]
+    assert "Difference, camera-1" in page
+    assert re.search(r"Absolute difference of the failing and the passing picture, \S+ times as bright", page)
+    lifecycle.delete(pipeline.context, run)
+    assert "When it fails" not in report(pipeline.context, study)
+
+
+def test_a_minimal_pair_says_by_how_much_each_number_changes(pipeline: Pipeline) -> None:
+    vary: list[Any] = [["person-1.heading", "UNIFORM", 0, 360], ["person-1.pos.y", "UNIFORM", 3, 9]]
+    vary.append(["person-1.pos.x", "UNIFORM", -3, 0])
+
+    def turned(heading: Any, y: Any, x: Any) -> Any:
+        return np.where((heading > 0.95) & (y < 0.5), 0.0, 1.0)
+
+    pair = {"person-1.heading": 10.0, "person-1.pos.y": 8.0, "person-1.pos.x": -1.0}
+    goal = {"name": "explain", "failing": {**pair, "person-1.heading": 350.0, "person-1.pos.y": 4.0}, "passing": pair}
+    known = planted(pipeline, turned, vary=vary, goal=goal)[0].result()
+    assert known is not None
+    said = re.search(
+        r"heading from 10 to (\S+) deg \(turned by (\S+) deg\) and person-1.pos.y from 8 to (\S+) m \((\S+) m less\), every",
+        known.sentences[0],
+    )
+    assert said is not None
+    heading, turn, y, less = map(float, said.groups())
+    assert turn == pytest.approx(370 - heading, abs=0.1)
+    assert less == pytest.approx(8 - y, abs=0.01)
 
 
 def test_a_pair_that_does_not_fail_and_pass_ends_with_its_scores(pipeline: Pipeline) -> None:
@@ -353,9 +394,10 @@ class Told:
 
 
 def planted(pipeline: Pipeline, score: Callable[..., Any], **more: Any) -> tuple[Pursuit, list[Told]]:
-    """Take a study to its end with scores from the two coordinates in the unit square: (n,) each to (n,) or (2, n)."""
+    """Take a study to its end with scores from the coordinates in the unit cube: (n,) each to (n,) or (2, n)."""
     vary = [["person-1.pos.x", "UNIFORM", -3, 0], ["person-1.pos.y", "UNIFORM", 3, 9]]  # beside the house
-    parsed = parse_study(document(constraints=[], vary=vary, **{"budget": {"variants": 260}, "batch": 20, **more}))
+    ours = {"constraints": [], "vary": vary, "budget": {"variants": 260}, "batch": 20}
+    parsed = parse_study(document(**{**ours, **more}))
     known, batches = Pursuit(resolve_document(pipeline.context, parsed)), list[Told]()
     while left := parsed.budget.variants - sum(len(batch.points) for batch in batches):
         proposal = known.ask(batches, min(parsed.batch, left))
@@ -408,7 +450,15 @@ def test_map_draws_the_two_parameters_that_change_calls(pipeline: Pipeline) -> N
     texts = dict.fromkeys(("id", "name", "question", "state", "measure", "where", "document", "digest"), "text")
     page = build_report(
         StudyReport(
-            **texts, ended=True, sentences=(), outlook="", boundary=drawn, pictures=(), batches=(), totals=(), asset_digest="text"
+            **texts,
+            ended=True,
+            sentences=(),
+            outlook="",
+            boundary=drawn,
+            pictures=(),
+            batches=(),
+            totals=(),
+            asset_digest="text",
         )
     )
     areas = re.findall(r'<rect x="\d+" y="\d+" width="(\d+)" height="1" fill="(#\w+)"', page)

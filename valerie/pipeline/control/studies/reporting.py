@@ -10,13 +10,15 @@ import structlog
 from valerie.db import studies
 from valerie.db.engine import reading
 from valerie.db.studies import BatchRow, StudyRow
-from valerie.errors import ValerieError
+from valerie.errors import NotFound, ValerieError
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import started_run
 from valerie.pipeline.control.studies.advancing import informed_pursuit, left
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.pipeline.reading.painting import jpeg
+from valerie.pipeline.reading.painting import brightened_difference, jpeg
+from valerie.pipeline.reading.selection import evaluated_persons
 from valerie.runs.moments import duration
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
@@ -24,7 +26,7 @@ from valerie.runs.study.study_document import StudyResult
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
 from valerie.studies.resolved import ResolvedStudy
-from valerie.studies.wording import outlook_text
+from valerie.studies.wording import conditions_text, outlook_text
 
 log = structlog.get_logger()
 
@@ -54,10 +56,10 @@ def report(context: Context, study_id: str) -> str:
             question=study.document.goal.question,
             state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
             ended=study.state.is_final,
-            sentences=() if result is None else result.sentences,
+            sentences=() if result is None else (*result.sentences, *_conditions(context, pursuit, batches)),
             outlook=outlook(study, batches, result) or "",
             boundary=pursuit.boundary(),
-            pictures=tuple(decisive_pictures(context, pursuit, batches)),
+            pictures=(*decisive_pictures(context, pursuit, batches), *_differences(context, pursuit, batches)),
             batches=tuple(_shown(batch, pursuit.study) for batch in batches),
             totals=_totals(batches, pursuit.study),
             measure=study.document.measure,
@@ -136,6 +138,42 @@ def decisive_pictures(context: Context, pursuit: Pursuit, batches: Sequence[Batc
                 score_text = "none" if score is None else f"{study.measure.shown(score):.3g}"
                 caption = f"{title}, {name}" if len(functions) == 1 else f"{title}, {name}, {function}"
                 yield ShownPicture(caption, score_text, values, str(key), picture)
+
+
+def _differences(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -> Iterator[ShownPicture]:
+    """Yield the difference of the pictures of a minimal pair for each camera, where it can be painted."""
+    places = pursuit.pair()
+    for camera, name in enumerate(pursuit.study.run.cameras if places else ()):
+        keys = [FrameKey(str(batches[number].run_id), index, camera) for number, index in places or ()]
+        try:
+            pair = [paint_picture(context, find_picture(context, key, kind=PictureKind.PICTURE)) for key in keys]
+        except ValerieError as error:
+            log.warning("study.picture", frame=str(keys[0]), error=str(error))
+            continue
+        pixels, gain = brightened_difference(*pair)
+        caption = f"Absolute difference of the failing and the passing picture, {gain:.3g} times as bright."
+        yield ShownPicture(f"Difference, {name}", "", caption, " − ".join(map(str, keys)), jpeg(pixels))
+
+
+def _conditions(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -> Iterator[str]:
+    """Yield in words what the truth measured in the worst row of the failing variant of a minimal pair."""
+    places, study = pursuit.pair(), pursuit.study
+    if places is None:
+        return
+    number, index = places[0]
+    try:
+        run = started_run(context, str(batches[number].run_id))
+    except NotFound:
+        return
+    with reading(context.engine) as connection:
+        rows = [person.row for person in evaluated_persons(connection, run) if person.frame.variant == index]
+    counting = {
+        i: row[study.measure.column] for i, row in enumerate(rows) if study.where is None or study.where.holds(row)
+    }
+    scores = {i: study.measure.score([value]) for i, value in counting.items() if isinstance(value, float)}
+    text = conditions_text(rows[min(scores, key=scores.__getitem__)]) if scores else None
+    if text is not None:
+        yield text
 
 
 class _Scored(NamedTuple):
