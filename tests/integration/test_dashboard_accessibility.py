@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import pytest
 import structlog
+import yaml
 from axe_playwright_python.sync_playwright import Axe
 
 from services.api.app import create_app
@@ -68,6 +69,18 @@ def _demands(page: Page) -> None:
     requirements = "requirements: [{id: A, statistic: share(pacc >= 0.5) >= 95 %}, {id: B, statistic: median(pacc)}]\n"
     page.fill("#spec", f"name: one\nasset: {ASSET}\n{sensors}{requirements}")
     page.wait_for_selector("[id='f-sensors.0.gain_db-problem']")
+
+
+def _plan(page: Page) -> None:
+    page.fill("#spec", yaml.safe_dump(STUDY))
+    page.click("button:text-is('Plan')")
+    page.wait_for_selector(".facts.plan")
+
+
+def _refuse(page: Page) -> None:
+    page.fill("#spec", yaml.safe_dump({**STUDY, "budget": {"variants": 3}}))
+    page.click("button:text-is('Plan')")
+    page.wait_for_selector(".problems li")
 
 
 def _click(*selectors: str, shown: str = "dialog[open]") -> Go:
@@ -141,6 +154,8 @@ PAGES: dict[str, tuple[str, str, Go | None]] = {
     "confusion": ("/explore?runs={finished}&tab=confusion&cell=person~building", ".thumbnail:not(.waiting)", None),
     "studies": ("/studies", "article", None),
     "study": ("/studies/{study}", ".proposal", None),
+    "new study": ("/studies/new", "#spec", _plan),
+    "refused study": ("/studies/new", "#spec", _refuse),
     "stop": ("/studies/{study}", ".proposal", _click("button:text-is('Stop')")),
     "functions": ("/functions", ".function", None),
     "card": ("/functions", ".function", _click("summary >> nth=0", shown=".function details[open]")),
@@ -160,6 +175,7 @@ EMPTY = {
     "/": "text=No run yet",
     "/explore": "text=There is no run with results yet",
     "/studies": "text=No study yet",
+    "/studies/new": "#spec",
     "/functions": "h1",
     "/workers": "text=No living worker",
     "/new": ".facts.plan",

@@ -6,6 +6,7 @@ import { exploreView } from "./explore.js";
 import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
 import { newView } from "./new.js";
+import { newStudyView } from "./newstudy.js";
 import { learnRole, role } from "./role.js";
 import { runView } from "./run.js";
 import { runsView } from "./runs.js";
@@ -21,6 +22,7 @@ const ROUTES = [
   [/^\/frames\/([\w.-]+)$/, "runs", () => frameView],
   [/^\/explore$/, "explore", () => exploreView],
   [/^\/studies$/, "studies", () => studiesView],
+  [/^\/studies\/new$/, "studies", () => newStudyView],
   [/^\/studies\/([\w-]+)$/, "studies", () => studyView],
   [/^\/functions$/, "functions", () => functionsView],
   [/^\/workers$/, "workers", () => workersView],

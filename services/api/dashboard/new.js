@@ -9,7 +9,7 @@ import { may, role } from "./role.js";
 const TYPING = 350; // a pause in typing, milliseconds
 const LOOKING = 700; // a longer one, before pictures are rendered
 const SCORES = new Set(["person score", "frame score"]); // sources of what a requirement may bound
-const KEPT = "valerie-draft"; // of this tab and address, so that a look at another page loses nothing
+export const KEPT = "valerie-draft"; // of this tab and address, so that a look at another page loses nothing
 //: Runs that a selection of Explore leads to: title and what it does.
 export const CHILDREN = {
   range: ["Refine here", "Draws variants from the ranges of the selected rows."],
@@ -88,12 +88,9 @@ export async function newView({ main, parameters, signal }) {
     }
   };
   const show = (list, plan) => {
-    const wrong = list.map((one) => ({ ...one, line: lineOf(one, draft) }));
-    text.mark(new Map(wrong.filter((one) => one.line).map((one) => [one.line, one.message])));
+    const wrong = located(list, draft, text);
     if (draft) form.show(draft, asset, new Map(wrong.map((one) => [one.field, one.limit ? `${one.message}; ${one.limit}` : one.message])));
-    put(problems, wrong, wrong.length ? h("ul", { class: "note bad problems" }, wrong.map((one) => h("li", {},
-      one.line ? h("button", { type: "button", class: "link", on: { click: () => text.goTo(one.line) } }, `Line ${one.line}`) : null,
-      one.field ? h("code", {}, one.field) : null, ` ${one.message}`, one.limit ? h("span", { class: "soft" }, ` · ${one.limit}`) : null))) : null);
+    put(problems, wrong, problemList(wrong, text));
     put(planned, [plan, wrong.length], planSection(plan));
     if (!plan) pictures.stale();
   };
@@ -153,6 +150,17 @@ export async function newView({ main, parameters, signal }) {
 // A document to begin with.
 const first = ({ assets, functions }) => `name: new-run\nasset: ${assets[0] ?? "…"}\nresolution: {width: 960, height: 540}\nfunctions: [${functions.slice(0, 2).join(", ")}]\n`;
 
+// Problems with their lines, which the editor marks.
+export function located(list, draft, text) {
+  const wrong = list.map((one) => ({ ...one, line: lineOf(one, draft) }));
+  text.mark(new Map(wrong.filter((one) => one.line).map((one) => [one.line, one.message])));
+  return wrong;
+}
+
+export const problemList = (wrong, text) => (wrong.length ? h("ul", { class: "note bad problems" }, wrong.map((one) => h("li", {},
+  one.line ? h("button", { type: "button", class: "link", on: { click: () => text.goTo(one.line) } }, `Line ${one.line}`) : null,
+  one.field ? h("code", {}, one.field) : null, ` ${one.message}`, one.limit ? h("span", { class: "soft" }, ` · ${one.limit}`) : null))) : null);
+
 // The line of a problem: of the longest place that leads to its field, or the one that its message names.
 function lineOf({ field, message }, draft) {
   const named = /line (\d+)/.exec(message);
@@ -163,7 +171,7 @@ function lineOf({ field, message }, draft) {
   return null;
 }
 
-function planSection(plan) {
+export function planSection(plan) {
   if (!plan) return h("p", { class: "soft" }, "The plan appears when the document has no problem.");
   const about = plan.estimated ? "about " : "";
   const rejected = Object.entries(plan.rejected).sort((a, b) => b[1] - a[1]);

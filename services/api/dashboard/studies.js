@@ -3,6 +3,7 @@ import { get } from "./api.js";
 import { command, h, put } from "./dom.js";
 import { ago, clock, plural, words } from "./format.js";
 import { poll } from "./poll.js";
+import { may } from "./role.js";
 
 const PAGE = 50;
 const LOOKS = { running: "active", paused: "wait", finished: "good", stopped: "ended" };
@@ -32,7 +33,7 @@ export async function studiesView({ main, signal }) {
     return items.some((study) => study.state === "running") ? 2000 : 10_000;
   };
   await draw();
-  main.replaceChildren(h("h1", {}, "Studies"), list, h("div", { class: "row" }, more));
+  main.replaceChildren(h("div", { class: "spread" }, h("h1", {}, "Studies"), h("a", { class: "button primary", href: "#/studies/new" }, may("POST /v1/studies") ? "New study" : "Plan a study")), list, h("div", { class: "row" }, more));
   const again = poll(signal, draw);
   return "Studies";
 }
@@ -40,8 +41,9 @@ export async function studiesView({ main, signal }) {
 function nothing() {
   return h("section", { class: "card empty" },
     h("h2", {}, "No study yet"),
-    h("p", {}, "A study is a question with a budget: it proposes variants, runs them and decides what comes next. Write one and submit it to this server:"),
-    command("valerie study new study.yaml"), command("valerie study submit study.yaml"));
+    h("p", {}, "A study is a question with a budget: it proposes variants, runs them and decides what comes next."),
+    may("POST /v1/studies") ? [h("p", { class: "small" }, h("a", { href: "#/studies/new" }, "Write one here"), ", or write and submit a file:"),
+      command("valerie study new study.yaml"), command("valerie study submit study.yaml")] : null);
 }
 
 function entry(study) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
@@ -28,6 +29,7 @@ from services.api.schemas.studies import (
     StudyDetail,
     StudyPage,
     StudyRead,
+    StudyTemplate,
 )
 from services.api.transfer import IfNoneMatch, send_page
 from valerie.db import studies
@@ -127,6 +129,11 @@ def list_studies(
         rows = studies.page(connection, limit=limit + 1, before=seen, project=project)
     page = StudyPage(items=[_study(row) for row in rows[:limit]], next=next_page(rows, limit))
     return send_page(page, known=if_none_match, encodings=request.headers.get("accept-encoding"))
+
+
+@router.get("/studies/template", responses=problems(422), summary="A commented study to start from")
+def read_template() -> StudyTemplate:
+    return StudyTemplate(text=files("valerie.studies").joinpath("template.yaml").read_text(encoding="utf-8"))
 
 
 @router.get(

@@ -100,6 +100,12 @@ class StudyPage(Read):
     next: NextCursor
 
 
+class StudyTemplate(Read):
+    text: str = Field(
+        description="a commented study as YAML", examples=["# A study of VALERIE …\nname: my-first-study\n…"]
+    )
+
+
 class NextBatchRead(Read):
     number: int = Field(description="from 0", examples=[0])
     reason: str = Field(examples=[REASON])
