@@ -48,7 +48,7 @@ def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: Da
     from valerie.cli.connecting import client_of
     from valerie.client import NextBatch
     from valerie.embedded import running
-    from valerie.runs.study.study_document import parse_study
+    from valerie.runs.study.study_document import CascadeGoal, parse_study
 
     settings = settings_of(data_dir)
     text = read_spec(file)
@@ -73,7 +73,11 @@ def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: Da
             plan=first.plan.model_dump(mode="json"),
         )
     _show_next(batch, as_json=as_json)
-    if not as_json and batch.legal and document.budget.variants is not None:
+    if as_json or not batch.legal:
+        return
+    if isinstance(document.goal, CascadeGoal):
+        typer.echo("\nbatches by the costly engine cost more: each is priced when it is proposed")
+    else:
         _show_budget(batch, document.budget.variants)
 
 

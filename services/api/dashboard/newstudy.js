@@ -25,7 +25,7 @@ export async function newStudyView({ main, signal }) {
     start.disabled = !batch;
     const wrong = located(list, draft, text);
     put(problems, wrong, problemList(wrong, text));
-    put(planned, [batch, wrong.length], batch ? firstBatch(batch, draft.fields.budget.variants) : h("p", { class: "soft" }, "Plan shows the first batch and its price; then the study can start."));
+    put(planned, [batch, wrong.length], batch ? firstBatch(batch, draft.fields) : h("p", { class: "soft" }, "Plan shows the first batch and its price; then the study can start."));
   };
   const ask = async (answer) => {
     const asked = text.text;
@@ -69,11 +69,13 @@ export async function newStudyView({ main, signal }) {
   return title;
 }
 
-function firstBatch({ reason, legal, rejected, plan }, variants) {
-  const whole = plan.start_cpu_seconds + (plan.cpu_seconds - plan.start_cpu_seconds) / legal * variants;
+function firstBatch({ reason, legal, rejected, plan }, { budget, goal }) {
+  const whole = plan.start_cpu_seconds + (plan.cpu_seconds - plan.start_cpu_seconds) / legal * budget.variants;
+  const price = goal.name === "cascade" ? "Batches by the costly engine cost more: each is priced when it is proposed."
+    : `The budget of ${count(budget.variants)} variants takes about ${duration(Math.round(whole))} of CPU time at this price.`;
   return [
     h("p", {}, reason, rejected ? ` ${plural(rejected, "variant")} rejected.` : ""),
     h("div", { class: "under" }, planSection(plan)),
-    legal ? h("p", { class: "under" }, `The budget of ${count(variants)} variants takes about ${duration(Math.round(whole))} of CPU time at this price.`) : null,
+    legal ? h("p", { class: "under" }, price) : null,
   ];
 }

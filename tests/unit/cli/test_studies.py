@@ -8,11 +8,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from tests.shipped import EXAMPLES, STUDIES
 from tests.world.blank import SMALL
 from valerie.cli.main import app
 from valerie.errors import InvalidInput
 from valerie.runs.moments import duration
 from valerie.runs.resolving.spec import parse
+from valerie.runs.study.study_document import CascadeGoal, parse_study
 
 
 @pytest.fixture
@@ -58,3 +60,20 @@ def test_a_plan_prices_the_first_batch_and_the_whole_budget(tmp_path: Path, invo
     start, batch = plan["start_cpu_seconds"], plan["cpu_seconds"]
     whole = duration(start + (batch - start) / 32 * 256)  # the template's batch and budget
     assert f"the budget of 256 variants: about {whole} of CPU time" in shown
+
+
+@pytest.mark.parametrize("file", STUDIES, ids=lambda file: file.name)
+def test_every_example_of_a_study_can_be_planned(file: Path, tmp_path: Path, invoke: CliRunner) -> None:
+    shown = invoke.invoke(app, ["study", "plan", str(file), "--data-dir", str(tmp_path / "data")])
+    assert shown.exit_code == 0, shown.output
+    cascade = isinstance(parse_study(file.read_text("utf-8")).goal, CascadeGoal)
+    assert ("costly engine cost more" in shown.stdout) == cascade
+    assert ("of CPU time at this price" in shown.stdout) != cascade
+
+
+def test_the_cascade_of_the_examples_is_small_and_drafts_its_costly_frames() -> None:
+    study = parse_study((EXAMPLES / "cascade.yaml").read_text("utf-8"))
+    assert isinstance(study.goal, CascadeGoal)
+    assert (study.spec.engine, study.goal.renderer) == ("raster", {"name": "cycles", "quality": "draft"})
+    assert study.budget.variants <= 128
+    assert study.spec.resolution.width <= 480
