@@ -181,9 +181,10 @@ def _ways(known: MinimalPair, study: ResolvedStudy) -> list[str]:
 
 def conditions_text(row: TableRow) -> str | None:
     """Return what the truth measured of a failing row's person in words; None where it measured nothing."""
-    numbers = ((row.get("distance_m"), 1, "m away"), (row.get("occlusion_rate"), 100, "% hidden"))
-    numbers = (*numbers, (row.get("shadow_share"), 100, "% in shadow"))
-    known = [f"{scale * value:.3g} {words}" for value, scale, words in numbers if isinstance(value, float)]
+    numbers = (("distance_m", 1, "m away"), ("occlusion_rate", 100, "% hidden"), ("shadow_share", 100, "% in shadow"))
+    known = [
+        f"{scale * value:.3g} {words}" for name, scale, words in numbers if isinstance(value := row.get(name), float)
+    ]
     who = row.get("character") or "the person"
     return f"When it fails, {who} is {', '.join(known)} ({row['camera']})." if known else None
 
