@@ -287,7 +287,7 @@ def _two_engines(known: TwoEngines, study: ResolvedStudy) -> tuple[str, ...]:
         *((prices + (split if isfinite(known.ratio) else "") + ".",) if isfinite(cheap + costly) else ()),
         *((saved.replace("-", "−"),) if isfinite(known.saved) else ()),
         *((undefined,) if known.undefined else ()),
-        f"The interval holds {_AT_BUDGET} it.",
+        f"The interval holds nearly {_AT_BUDGET} it.",
     )
 
 
