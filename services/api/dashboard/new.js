@@ -13,7 +13,7 @@ export const KEPT = "valerie-draft"; // of this tab and address, so that a look 
 //: Runs that a selection of Explore leads to: title and what it does.
 export const CHILDREN = {
   range: ["Refine here", "Draws variants from the ranges of the selected rows."],
-  nearby: ["More like these", "Repeats selected variants, each number moved by up to half a step."],
+  nearby: ["More like these", "Repeats selected variants, each number moved by up to half a step within the selection’s range; listed values stay."],
 };
 
 export async function newView({ main, parameters, signal }) {
