@@ -24,7 +24,8 @@ def names() -> dict[str, ParameterDefinition]:
 @pytest.fixture
 def spec() -> RunSpec:
     return parse(
-        "name: planted\nasset: urban-street\nvary:\n- [person-1.pos.x, HOMOGENEOUS, 0, 9, 1]\n- [sun-1.elevation, CHOICE, [40, -3]]"
+        "name: planted\nasset: urban-street\n"
+        "vary:\n- [person-1.pos.x, HOMOGENEOUS, 0, 9, 1]\n- [sun-1.elevation, CHOICE, [40, -3]]"
     )
 
 
