@@ -7,7 +7,7 @@ import { ago, count, fixed, percent, plural } from "./format.js";
 import { comparisonPanel, swingsPanel } from "./pairs.js";
 import { colorKey, histogramPlot, labelOf, parallelPlot, scatterPlot, textOf, titleOf } from "./plots.js";
 import { CHILDREN } from "./new.js";
-import { may } from "./role.js";
+import { isRemote, may, quoted, reaching } from "./role.js";
 import { Brushes } from "./selection.js";
 import { warningNotes } from "./summary.js";
 import { thumbnails } from "./thumbnails.js";
@@ -278,7 +278,7 @@ export async function exploreView({ main, parameters, signal }) {
 
   // Dialogs.
   const saveDialog = () => {
-    const name = h("input", { type: "text", id: "selection-name", required: true, maxlength: 120 });
+    const name = h("input", { type: "text", id: "selection-name", required: true, autofocus: true, maxlength: 120 });
     const save = async () => {
       if (!name.value.trim()) return;
       try {
@@ -298,8 +298,8 @@ export async function exploreView({ main, parameters, signal }) {
     box.classList.add("large");
   };
   const trainDialog = () => {
-    const lines = documents[0].spec.functions.map((name) => command(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`));
-    dialog("Train on this", where() ? null : h("p", { class: "note wait" }, "Nothing is selected, so this trains on all persons. Select the rows where the function fails first."), h("p", { class: "soft small" }, "A new version of a function learns on fresh sites where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run."), lines).classList.add("large");
+    const lines = documents[0].spec.functions.map((name) => command(reaching(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`)));
+    dialog("Train on this", where() ? null : h("p", { class: "note wait" }, "Nothing is selected, so this trains on all persons. Select the rows where the function fails first."), h("p", { class: "soft small" }, "A new version of a function learns on fresh sites where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run.", isRemote() ? " The command runs on the server’s machine." : ""), lines).classList.add("large");
   };
   const exportDialog = () => {
     const stem = title.replaceAll(/[^\w.-]+/g, "-");
@@ -324,9 +324,6 @@ export async function exploreView({ main, parameters, signal }) {
   }
   return `Explore ${title}`;
 }
-
-// For a POSIX shell.
-const quoted = (text) => `'${text.replaceAll("'", String.raw`'\''`)}'`;
 
 function dialog(title, ...content) {
   const box = h("dialog", { "aria-labelledby": "dialog-title", on: { close: () => box.remove() } }, h("div", { class: "stack" }, h("div", { class: "spread" }, h("h2", { id: "dialog-title" }, title), h("button", { type: "button", class: "quiet close", "aria-label": "Close", on: { click: () => box.close() } }, "×")), content));

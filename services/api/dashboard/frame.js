@@ -4,6 +4,7 @@ import { h, put, s, table } from "./dom.js";
 import { fixed, heading, percent, short, shown, value, words } from "./format.js";
 import { marksOf } from "./marks.js";
 import { player } from "./player.js";
+import { isRemote, reaching } from "./role.js";
 
 const VIEWS = { all: "All", picture: "Picture", truth: "Truth", prediction: "Prediction", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
@@ -355,5 +356,5 @@ function variantSection(frame) {
   };
   return h("section", { class: "card", "aria-label": "Variant" }, h("h2", {}, "Variant"),
     entries.length ? h("dl", { class: "facts" }, entries.map(item)) : h("p", { class: "soft" }, "Nothing is varied."),
-    h("p", { class: "small soft under" }, neighbours.size ? "Arrows lead to the frame that differs in this value only. " : "", "Make this frame again and compare: ", h("code", {}, `valerie replay ${frame.id}`)));
+    h("p", { class: "small soft under" }, neighbours.size ? "Arrows lead to the frame that differs in this value only. " : "", `Make this frame again and compare${isRemote() ? ", on the server’s machine" : ""}: `, h("code", {}, reaching(`valerie replay ${frame.id}`))));
 }
