@@ -103,7 +103,7 @@ def _together(tables: Sequence[tuple[EvaluationTable, ResolvedRun]]) -> Evaluati
 
 
 def _filled(table: EvaluationTable, parameters: Mapping[str, str], run: ResolvedRun) -> pa.Table:
-    """Return the columns with one for each of ``parameters``: what a variant does not set is the run's constant or the default."""
+    """Return the columns with one per parameter: what a variant does not set is the run's constant or the default."""
     definitions, varied = run.space.definitions, run.space.varied
     values = {path: definition.default for path, definition in definitions.items()}
     values |= {path: value for path, value in run.space.constants[0].items() if path not in varied}
