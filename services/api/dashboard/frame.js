@@ -330,6 +330,9 @@ function personsSection(frame) {
   return h("section", { class: "card" }, h("h2", {}, "Persons"), body);
 }
 
+// The classes of most of the missed pixels.
+const calledInstead = ({ called_instead: classes, fn }) => Object.entries(classes).slice(0, 3).map(([name, n]) => h("div", {}, `${name} ${percent(n / fn, 0)}`));
+
 function scoresSection(frame) {
   const done = frame.evaluations.filter((one) => one.state === "done");
   if (!done.length) return h("section", { class: "card" }, h("h2", {}, "Scores"), h("p", { class: "soft" }, frame.evaluations.length ? "Not evaluated yet." : "This run has no function under test."));
@@ -339,8 +342,9 @@ function scoresSection(frame) {
     done.map((one) => one.persons.find((score) => score.instance_id === person.instance_id)?.pacc)));
   const counts = measures.filter((measure) => ["tp", "fn"].includes(measure.name));
   const ofFrame = [...counts, ...measuresFrom("frame score")].map((measure) => line(measure, done.map((one) => one[measure.name])));
+  const instead = done.some((one) => one.fn) ? [h("tr", {}, h("th", { scope: "row", title: "what the pixels of persons are called that are not called person" }, "Missed, called instead"), done.map((one) => h("td", { class: "right" }, calledInstead(one))))] : [];
   return h("section", { class: "card" }, h("h2", {}, "Scores"),
-    table(["", ...done.map((one) => ({ text: several ? `${one.function} · ${one.sensor}` : one.function, class: "right" }))], [...ofPerson, ...ofFrame], { caption: "Scores per function" }),
+    table(["", ...done.map((one) => ({ text: several ? `${one.function} · ${one.sensor}` : one.function, class: "right" }))], [...ofPerson, ...instead, ...ofFrame], { caption: "Scores per function" }),
     [...new Set(done.filter((one) => one.judged_by.length).map((one) => `${one.function}: mIoU, fwIoU, mAcc and pixel accuracy are over ${one.judged_by.join(", ")} only.`))]
       .map((text) => h("p", { class: "small soft under" }, text)));
 }

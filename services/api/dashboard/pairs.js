@@ -5,7 +5,7 @@ import { LIGHTS, lightTitle } from "./light.js";
 import { textOf, titleOf } from "./plots.js";
 import { sheet } from "./thumbnails.js";
 
-const OUTCOMES = { broken: "Broken", fixed: "Fixed", "both missed": "Both missed", "both found": "Both found" };
+const OUTCOMES = { broken: "Broken", fixed: "Fixed", "both missed": "Both missed", "both found": "Both found", lower: "Lower", higher: "Higher" };
 const SUN = "sun_elevation_deg";
 const SHEET = 16;
 const DIFFERING = 5; // differences of specs that are named
@@ -38,7 +38,7 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
   if (!sides.includes(state.after)) state.after = sides.find((side) => side !== state.before && split(side)[1] === split(state.before)[1]) ?? sides.find((side) => side !== state.before) ?? state.before;
   let chosen = Boolean(OUTCOMES[state.outcome]);
   // Sides of one run are named by their functions; of two runs, the second is the newer one.
-  const labels = () => (sameRun() ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses` } : OUTCOMES);
+  const labels = () => (sameRun() ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses`, lower: `${text(state.after)} lower`, higher: `${text(state.before)} lower` } : OUTCOMES);
   const element = h("div", { class: "stack wide-gap" });
   const choice = (name, label) => {
     const field = h("select", { id: `side-${name}`, on: { change: () => { state[name] = field.value; state.across = []; remember(); load(); } } }, sides.map((side) => h("option", { value: side }, full(side))));
@@ -55,8 +55,9 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
     }
     const ask = () => get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome, across: state.across })}`, { signal });
     let { comparison: one, differs, rows } = await ask();
-    // Until somebody chooses: what the worse side misses alone, or the first outcome that shows something.
-    const shown = chosen ? state.outcome : [one.difference > 0 ? "fixed" : "broken", ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? state.outcome;
+    // Until somebody chooses: what the worse side misses alone, else where it is lower, else the first outcome that shows something.
+    const worse = one.difference > 0 ? ["fixed", "higher"] : one.difference < 0 ? ["broken", "lower"] : [];
+    const shown = chosen ? state.outcome : [...worse, ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? state.outcome;
     if (shown !== state.outcome) {
       state.outcome = shown;
       ({ comparison: one, rows } = await ask());
