@@ -3,7 +3,7 @@ import { h, put } from "./dom.js";
 import { count, fixed, percent, plural } from "./format.js";
 import { LIGHTS, lightTitle } from "./light.js";
 import { textOf, titleOf } from "./plots.js";
-import { sheet } from "./thumbnails.js";
+import { errorLegend, sheet } from "./thumbnails.js";
 
 const OUTCOMES = { broken: "Broken", fixed: "Fixed", "both missed": "Both missed", "both found": "Both found", lower: "Lower", higher: "Higher" };
 const SUN = "sun_elevation_deg";
@@ -70,7 +70,7 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
       h("button", { type: "button", title: "Each run holds it at a value of its own; persons match although it differs.", "aria-pressed": String(crossed(path)), on: { click: () => { state.across = crossed(path) ? state.across.filter((other) => other !== path) : [...state.across, path]; remember(); load(); } } }, titleOf(columns.get(path)))))) : null;
     put(element, [one, state.outcome, state.across], across, verdict(one, text(state.before), text(state.after)), ofFrames(one), differing(differs), outcomes,
       h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
-      one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) })) : h("p", { class: "soft" }, one.matched ? `No person: ${labels()[state.outcome].toLowerCase()}.` : "No person of one side has a partner on the other."));
+      one.pairs.length ? [errorLegend(), pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) }))] : h("p", { class: "soft" }, one.matched ? `No person: ${labels()[state.outcome].toLowerCase()}.` : "No person of one side has a partner on the other."));
   };
   return { element, tools: [light.element, choice("before", "From"), choice("after", "to")].filter(Boolean), load };
 }
@@ -98,9 +98,9 @@ function verdict({ difference, low, high, places }, before, after) {
 
 // Precision and IoU belong to a frame, not to a person.
 function ofFrames({ precision, iou }) {
-  const change = (name, [before, after]) => (before === null || after === null ? null : `${name} ${percent(before)} → ${percent(after)} (${signed(after - before)} points)`);
+  const change = (name, [before, after]) => (before === null || after === null ? null : `pooled ${name} ${percent(before)} → ${percent(after)} (${signed(after - before)} points)`);
   const changes = [change("precision", precision), change("IoU", iou)].filter(Boolean);
-  return changes.length ? h("p", { class: "small soft" }, `Of their frames, from pooled counts: ${changes.join(", ")}; no interval.`) : null;
+  return changes.length ? h("p", { class: "small soft", title: "From the pixels of all frames together. The page of a run has the mean over its frames." }, `Of their frames: ${changes.join(", ")}; no interval.`) : null;
 }
 
 // Buttons that select by the kind of light, if the rows have several; they brush the sun's elevation.
@@ -126,7 +126,7 @@ export function swingsPanel({ get, signal, query, columns, several }) {
       return;
     }
     const parameters = [...new Set(swings.map((one) => one.parameter))];
-    put(element, swings, h("p", { class: "small soft" }, "Pairs of rows that differ in one varied parameter alone, the furthest apart in pACC first."),
+    put(element, swings, h("p", { class: "small soft" }, "Pairs of rows that differ in one varied parameter alone, the furthest apart in pACC first."), errorLegend(),
       parameters.map((name) => {
         const column = columns.get(name) ?? { title: name, group: "varied", scale: 1, unit: "", digits: null };
         return h("section", { class: "stack", "aria-label": titleOf(column) }, h("h3", {}, titleOf(column)), pairCards(swings.filter((one) => one.parameter === name), rows, ({ pair }) => ({

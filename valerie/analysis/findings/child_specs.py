@@ -195,14 +195,14 @@ def similar_spec(
     block = BlockDocument(
         design="points", points=tuple(distinct_points.values()), constants=_common_constants(spec.blocks)
     )
-    return _child(spec, table, block)
+    return _child(spec, table, block, "similar")
 
 
-def _child(spec: RunSpec, table: EvaluationTable, block: BlockDocument) -> RunSpec:
+def _child(spec: RunSpec, table: EvaluationTable, block: BlockDocument, change: str = "refined") -> RunSpec:
     """Return the spec with a single block, whose constants are the run's, as a form shows them."""
     update = {
         "blocks": (block.model_copy(update={"constants": {}}),),
         "constants": {**spec.constants, **block.constants},
-        **descent(spec, table.codes("run_id").names[0]),
+        **descent(spec, table.codes("run_id").names[0], change=change),
     }
     return spec.model_copy(update=update)

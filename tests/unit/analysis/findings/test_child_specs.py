@@ -41,7 +41,9 @@ def test_more_like_these_leaves_a_listed_value_as_it_is(
     table: EvaluationTable, spec: RunSpec, names: dict[str, ParameterDefinition]
 ) -> None:
     dusk = table.select(table.numbers(SUN) < 0)
-    (block,) = similar_spec(dusk, table, spec, names, 50).blocks
+    child = similar_spec(dusk, table, spec, names, 50)
+    assert child.name == "planted similar"
+    (block,) = child.blocks
     assert {point[SUN] for point in block.points} == {-3}
     (block,) = similar_spec(table, table, spec, names, 50).blocks
     assert {point[SUN] for point in block.points} == {-3, 40}
