@@ -65,7 +65,7 @@ class UnknownName(InvalidInput):
         self.kind, self.name, self.known = kind, name, tuple(sorted(known))
         whole = [path for path in self.known if path.endswith(f".{name}")]  # a parameter without its object
         close = [path for path in whole if path.partition(".")[2] not in whole][:3]
-        near = get_close_matches(name, self.known, n=6, cutoff=0.5)
+        near = get_close_matches(name, self.known, n=6, cutoff=0.55)
         close = close or [path for path in near if not any(path.endswith(f".{other}") for other in near)][:3]
         more = f" and {len(self.known) - _LISTED} more" if len(self.known) > _LISTED else ""
         hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(self.known[:_LISTED]) or 'none'}"

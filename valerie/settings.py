@@ -30,7 +30,8 @@ NO_BROKER: Final = "none"
 _FOREIGN: Final = ("VALERIE_SETUP_", "VALERIE_TEST_")
 #: Of the key that signs webhooks, bytes; the least of Standard Webhooks.
 _SHORTEST_KEY: Final = 24
-_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
+#: Names of this machine.
+LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 
 Seconds = Annotated[float, Field(gt=0, le=86_400, allow_inf_nan=False)]
 
@@ -264,7 +265,7 @@ class Settings(BaseSettings):
         if not self.oidc_issuer:
             return self
         host, *_, secure = parse_url(self.oidc_issuer, field="VALERIE_OIDC_ISSUER")
-        if not secure and host not in _LOOPBACK:
+        if not secure and host not in LOOPBACK:
             raise InvalidInput("not an https URL", field="VALERIE_OIDC_ISSUER", value=self.oidc_issuer)
         if not self.oidc_role_of_group:
             raise InvalidInput(
@@ -348,7 +349,7 @@ class Settings(BaseSettings):
     @property
     def exposed(self) -> bool:
         """True if the API accepts requests from other machines."""
-        return self.api_host not in _LOOPBACK
+        return self.api_host not in LOOPBACK
 
     def require_token(self) -> None:
         """Check that an API for other machines has a token.
@@ -361,7 +362,7 @@ class Settings(BaseSettings):
             raise InvalidInput(
                 "the API would be open to the network without a token",
                 field="VALERIE_API_TOKEN",
-                limit=f"a token, or VALERIE_API_HOST={_LOOPBACK[0]} instead of {self.api_host}",
+                limit=f"a token, or VALERIE_API_HOST={LOOPBACK[0]} instead of {self.api_host}",
             )
         if self.exposed and len(token) < 16:
             raise InvalidInput("the token is too short", field="VALERIE_API_TOKEN", limit="at least 16 characters")

@@ -20,7 +20,7 @@ from services.api.rates import RateLimit
 from valerie.access import OPERATOR, SECRET_PREFIX, Caller
 from valerie.errors import TransientError
 from valerie.pipeline.control.tokens import caller_of
-from valerie.settings import Settings
+from valerie.settings import LOOPBACK, Settings
 
 #: Paths that need no token: probes of load balancers, and sign-in, which gives one. The dashboard's files contain no data; its
 #: page asks for the token.
@@ -33,7 +33,6 @@ _FUNCTIONS = "/v1/functions"
 _PREDICTION = re.compile(r"/v1/frames/[^/]+/prediction")
 #: Room for an uncompressed label map in 8K.
 _PREDICTION_BYTES = 1 << 25
-_LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
@@ -178,7 +177,7 @@ class Protection:
         embedded = request.headers.get("sec-fetch-site") in ("cross-site", "same-site") and not (
             request.headers.get("sec-fetch-mode") == "navigate" and request.method in ("GET", "HEAD")
         )
-        return name not in _LOOPBACK_NAMES or elsewhere or embedded
+        return name not in LOOPBACK or elsewhere or embedded
 
     async def _body(self, receive: Receive) -> bytes | None:
         """Return the whole body, or None once it exceeds the limit, as a stream without a declared length may."""

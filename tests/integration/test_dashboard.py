@@ -163,7 +163,8 @@ def test_a_lost_connection_is_told_and_taken_back(browser: Browser, url: str) ->
 
 def test_the_view_in_an_address_is_shown_also_when_nothing_else_changes(page: Page) -> None:
     open_run(page, "finished")
-    page.click("button:has-text('Frames')")
+    page.click("a:text-is('Frames')")
+    page.locator(".thumbnails a").first.click()
     page.wait_for_selector(".viewer img[src]")
     address = page.url.split("?")[0]
     for view in ("truth", "picture"):
@@ -229,7 +230,8 @@ def test_pacc_is_drawn_over_what_the_run_varied(page: Page) -> None:
 
 def test_a_sequence_is_played_and_its_slider_leads_to_its_moments(page: Page) -> None:
     open_run(page, "walking")
-    page.click("button:has-text('Frames')")
+    page.click("a:text-is('Frames')")
+    page.locator(".thumbnails a").first.click()
     page.wait_for_selector(".player")
     assert page.locator("h1").inner_text().endswith(", 0.00 s")
     page.click(".player button")
@@ -292,7 +294,7 @@ def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector("tr.rest")
     page.click("text=Save selection")
-    page.fill("#selection-name", "far")
+    page.keyboard.type("far")
     page.keyboard.press("Enter")
     page.wait_for_selector("#toasts >> text=saved")
     page.click("button:text-is('Saved')")
@@ -320,11 +322,12 @@ def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
         page.wait_for_selector(f"h1:text-is('{button}')")
         page.wait_for_selector(".facts.plan dd:text-is('64')")
         assert "parent_run" in page.input_value("#spec")
+        assert ("finished similar" in page.input_value("#spec")) == (button == "More like these")
         assert page.locator("button:has-text('Submit run')").is_enabled()
         page.go_back()
         page.wait_for_selector("tr.selection")
     page.click("text=Train on this")
-    page.wait_for_selector("dialog code:has-text(\"--where 'distance_m > 25'\")")
+    page.wait_for_selector("dialog code:has-text(\"--where 'distance_m > 25' --data-dir /\")")
     page.keyboard.press("Escape")
     page.click("[data-tab=compare]")
     page.wait_for_selector("text=persons matched")
@@ -352,7 +355,7 @@ def test_which_of_two_networks_is_worse_at_dusk_is_answered_with_pictures_four_c
     page.wait_for_selector(".pair .thumbnail:not(.waiting)")
     page.wait_for_selector("[data-tab=compare]:focus")
     assert page.locator("[data-tab=compare]").bounding_box()["y"] < 200, "the head of the comparison is at the top"
-    page.wait_for_selector("text=/precision [^,]* points.*, IoU .* points.*; no interval/")
+    page.wait_for_selector("text=/pooled precision [^,]* points.*, pooled IoU .* points.*; no interval/")
     click("button:text-is('Dusk')")
     page.wait_for_selector(".brush:has-text('Sun elevation')")
     worse = page.locator("[aria-label=Rows] p strong").first.inner_text().split()[0]
@@ -382,6 +385,8 @@ def test_two_runs_are_coloured_by_run_and_their_sides_say_what_differs(page: Pag
     assert [page.input_value(f"#side-{side}") for side in ("before", "after")] == [
         f"{one}:{FUNCTIONS[0]}" for one in runs
     ]
+    page.wait_for_selector("text=To refine or train, explore one run alone")
+    page.wait_for_selector("[aria-label=Rows] .legend:has(.patch.miss)")
     names = page.locator(".pair >> nth=0 >> .clipped")
     assert names.all_inner_texts() == ["finished", "lost a layer"]
     page.select_option("#side-after", label=f"{FUNCTIONS[1]} · lost a layer")
@@ -390,6 +395,15 @@ def test_two_runs_are_coloured_by_run_and_their_sides_say_what_differs(page: Pag
     page.select_option("#side-after", label=f"{FUNCTIONS[1]} · finished")
     page.wait_for_selector(f".pair .clipped:text-is('{FUNCTIONS[1]}')")
     assert names.first.inner_text() == FUNCTIONS[0]
+
+
+def test_the_light_of_points_is_shown_and_cannot_be_set_beside_them(page: Page) -> None:
+    link = page.locator(".runs tr", has_text="day and dusk").locator("a").first.get_attribute("href")
+    page.goto(f"{page.url.split('#')[0]}#/new?form=nearby&run={link.rsplit('/', 1)[1]}&where=sun_elevation_deg+%3C+3")
+    light = page.get_by_role("group", name="Light")
+    light.locator("[aria-pressed=true]:text-is('Dusk')").wait_for()
+    assert light.locator("[aria-pressed=true]").count() == 1
+    assert light.locator("button[disabled][title*='points of this document set sun-1.elevation']").count() == 3
 
 
 def test_two_runs_match_across_a_parameter_that_each_holds(page: Page) -> None:
@@ -447,7 +461,8 @@ def test_a_cell_of_the_confusion_matrix_opens_the_frames_with_its_pixels(page: P
 
 def test_zoom_is_the_same_in_every_pane_and_the_pixel_under_the_pointer_is_read(page: Page) -> None:
     open_run(page, "finished")
-    page.click("button:has-text('Frames')")
+    page.click("a:text-is('Frames')")
+    page.locator(".thumbnails a").first.click()
     page.wait_for_function(
         "() => [...document.querySelectorAll('.viewer img')].filter(i => i.naturalWidth > 1).length >= 4"
     )
@@ -486,7 +501,8 @@ def test_the_chip_and_the_address_name_the_whole_brush_after_a_quick_drag(page: 
 
 def test_two_fingers_zoom_every_pane_around_their_middle(page: Page) -> None:
     open_run(page, "finished")
-    page.click("button:has-text('Frames')")
+    page.click("a:text-is('Frames')")
+    page.locator(".thumbnails a").first.click()
     page.wait_for_selector(".window")
     page.locator(".window").first.scroll_into_view_if_needed()
     box = page.locator(".window").first.bounding_box()
@@ -533,6 +549,12 @@ def test_a_point_opens_its_frame_with_truth_and_prediction_over_the_picture(page
         assert shown == (measure.name != "undefined_reason"), "pACC is defined"
     assert len(set(titles)) == len(titles)
     assert "Light on the body" not in titles, "the run did not ask for light"
+    assert "Missed, called instead" in titles
+    for view, title in (("errors", "Errors · {}"), ("all", "Errors · {}"), ("all", "Prediction · {}")):
+        page.click(f"[data-view={view}]")
+        for name in FUNCTIONS:
+            page.wait_for_selector(f"figcaption h3:text-is('{title.format(name)}')")
+    page.wait_for_selector(".legend .patch.miss")
     page.keyboard.press("ArrowRight")
     page.wait_for_function("before => location.href !== before", arg=first)
 

@@ -25,7 +25,11 @@ def renderables(beside: Beside) -> list[RenderableType]:
     from valerie.analysis.wording import percent, points
 
     parts: list[RenderableType] = [
-        Text(f"{beside.here} (here) and {beside.there} (there): {beside.frames:,} frames show the same scenes", "bold")
+        Text(
+            f"{beside.here} (here) and {beside.there} (there){f', where {beside.where}' if beside.where else ''}: "
+            f"{beside.frames:,} frames show the same scenes",
+            "bold",
+        )
     ]
     parts += [Text(f"  {difference}", "dim") for difference in beside.differs]
     for comparison in beside.functions:
@@ -63,7 +67,8 @@ def renderables(beside: Beside) -> list[RenderableType]:
     if beside.conclusions:
         parts.append(Text("Conclusions, on the shared frames", "bold"))
     for conclusion in beside.conclusions:
-        parts.append(Text(f"  {conclusion.agreement}: {conclusion.here.function}: {conclusion.text}"))
+        verb = "" if conclusion.decided else "is "
+        parts.append(Text(f"  {conclusion.here.function}: {conclusion.text} This {verb}{conclusion.agreement}."))
         parts.append(Text(f"    here: {conclusion.here.finding}; there: {conclusion.there.finding}", "dim"))
     return parts
 

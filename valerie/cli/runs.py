@@ -6,12 +6,14 @@ import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.registering import Remote, open_registry
 from valerie.cli.shell import (
     AsJson,
@@ -280,11 +282,10 @@ def _comparison(beside: str | None) -> str | Beside | None:
     return comparison.Beside.from_json(read_spec(Path(beside)))
 
 
-def compare(
-    run_id: RunId,
-    other: Annotated[
-        str | None, typer.Argument(metavar="[OTHER]", help="A run of the same scenes.", show_default=False)
-    ] = None,
+@dataclass(frozen=True, slots=True)
+class Sides:
+    """The rows of a comparison."""
+
     functions: Annotated[
         list[str] | None,
         typer.Option(
@@ -292,7 +293,7 @@ def compare(
             metavar="NAME",
             help="Twice: a function of RUN, and the one of OTHER (or RUN) to compare it with.",
         ),
-    ] = None,
+    ] = None
     across: Annotated[
         list[str] | None,
         typer.Option(
@@ -301,6 +302,21 @@ def compare(
             help="Match frames that differ in this parameter, which each run holds at a value of its own, such as "
             "sun-1.elevation of a run by day and one at dusk; may be repeated.",
         ),
+    ] = None
+    where: Annotated[
+        str,
+        typer.Option(
+            "--where", metavar="EXPRESSION", help='Only rows of RUN that satisfy this expression: "distance_m > 25".'
+        ),
+    ] = ""
+
+
+@takes_documents
+def compare(
+    run_id: RunId,
+    sides: Sides,
+    other: Annotated[
+        str | None, typer.Argument(metavar="[OTHER]", help="A run of the same scenes.", show_default=False)
     ] = None,
     claims: Annotated[
         Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims on both sides.")
@@ -320,8 +336,9 @@ def compare(
 ) -> None:
     """Compare two ended runs on their shared scenes, or two functions of one run.
 
-    Prints paired differences of pACC by slice, rank correlation, and which
-    conclusions hold on both sides. The report shows the worst regressions.
+    Prints paired differences of pACC by slice (distance, occlusion, character,
+    camera, every varied parameter), rank correlation, and which conclusions hold
+    on both sides. The report shows the worst regressions.
     """
     from valerie.cli.claims import read_claims
     from valerie.cli.comparing import contents, renderables
@@ -330,13 +347,13 @@ def compare(
     from valerie.local.deployment import context_of
     from valerie.pipeline.reading.reports import compare_runs, report_with
 
-    pair = _function_pair(other, functions or [])
+    pair = _function_pair(other, sides.functions or [])
     require_format(output, (".html", ".csv", ".parquet", ".json"))
     statements = None if claims is None else read_claims(claims)
     with context_of(data_dir) as context:
         comparison = compare_runs(
             context, run_id, other or run_id,
-            functions=pair, claims=statements, across=across or (), progress=counting("frames compared"),
+            functions=pair, claims=statements, across=sides.across or (), where=sides.where, progress=counting("frames compared"),
         )  # fmt: skip
         if output is not None and output.suffix == ".html":
             html = report_with(context, run_id, claims=statements, other=comparison).html

@@ -163,8 +163,10 @@ def progress_line(title: str, progress: Progress) -> str:
         if stage.rate_per_s and stage.done < stage.total:
             text += f" {stage.rate_per_s:.1f}/s"
         parts.append(text)
-    left = [stage.eta_s for stage in progress.stages.values() if stage.eta_s]
-    if left and not RunState(progress.state).is_final:
+    open_stages = [stage for stage in progress.stages.values() if stage.done + stage.failed < stage.total]
+    left = [stage.eta_s for stage in open_stages if stage.eta_s is not None]
+    # Of the stage that ends last: without its time, those of the others say too little.
+    if left and len(left) == len(open_stages) and not RunState(progress.state).is_final:
         parts.append(f"about {duration(max(left))} left")
     if progress.reason:
         parts.append(progress.reason)

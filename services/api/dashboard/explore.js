@@ -7,10 +7,10 @@ import { ago, count, fixed, percent, plural } from "./format.js";
 import { comparisonPanel, swingsPanel } from "./pairs.js";
 import { colorKey, histogramPlot, labelOf, parallelPlot, scatterPlot, textOf, titleOf } from "./plots.js";
 import { CHILDREN } from "./new.js";
-import { may } from "./role.js";
+import { isRemote, may, quoted, reaching } from "./role.js";
 import { Brushes } from "./selection.js";
 import { warningNotes } from "./summary.js";
-import { thumbnails } from "./thumbnails.js";
+import { errorLegend, thumbnails } from "./thumbnails.js";
 
 const GROUPS = { score: "Scores", person: "Of the person", conditions: "Moment, light and picture", varied: "Varied", row: "Rows" };
 const TABS = { pictures: "Pictures", table: "Table", compare: "Side by side", swings: "One change", confusion: "Confusion" };
@@ -32,7 +32,10 @@ export async function exploreView({ main, parameters, signal }) {
   const several = ["run_id", "function", "camera", "sensor"].filter((name) => columns.get(name)?.names.length > 1);
   const usual = [...varied, "distance_m", "occlusion_rate", "pixel_area"].filter((name) => columns.has(name) && differs(columns.get(name)));
 
+  // A run is shown by its name.
   const runName = (id) => { const { name } = documents.find((run) => run.id === id); return documents.filter((run) => run.name === name).length > 1 ? `${name} (${id})` : name; };
+
+  if (columns.has("run_id")) columns.get("run_id").nameOf = runName;
 
   const state = {
     where: parameters.get("where") ?? "",
@@ -128,7 +131,7 @@ export async function exploreView({ main, parameters, signal }) {
           h("button", { type: "button", on: { click: () => savedDialog() } }, "Saved"),
           runs.length === 1 ? [
             Object.entries(CHILDREN).map(([form, [label, what]]) => h("button", { type: "button", title: what, on: { click: () => { location.hash = `#/new?${query({ form })}`; } } }, label)),
-            h("button", { type: "button", on: { click: () => trainDialog() } }, "Train on this")] : null,
+            h("button", { type: "button", on: { click: () => trainDialog() } }, "Train on this")] : h("span", { class: "small soft" }, "To refine or train, explore one run alone."),
           h("button", { type: "button", on: { click: () => exportDialog() } }, "Export")))),
     h("section", { class: "card select", "aria-label": "Selection" },
       h("div", { class: "row" }, h("label", { for: "where" }, "Where"), field, selected),
@@ -219,7 +222,7 @@ export async function exploreView({ main, parameters, signal }) {
     whole_ = whole;
     selected.textContent = whole ? plural(bins.selected, "row") : `${count(bins.selected)} of ${plural(about.rows, "row")}`;
     scatter.show({ x: columns.get(state.x), y: columns.get(state.y), c: columns.get(state.c), all: whole ? null : all, some });
-    put(key, [state.c], colorKey(columns.get(state.c), state.c === "run_id" ? runName : undefined));
+    put(key, [state.c], colorKey(columns.get(state.c)));
     const missing = Number(some.metadata.undefined);
     lacking.textContent = missing ? `${plural(missing, "row")} without ${titleOf(columns.get(state.x))} or ${titleOf(columns.get(state.y))} ${missing === 1 ? "is" : "are"} not drawn.` : "";
     drawHistograms(found, whole);
@@ -236,7 +239,7 @@ export async function exploreView({ main, parameters, signal }) {
     const names = [...state.brushes.of.keys()];
     put(chips, [state.brushes.texts(), state.where], ...names.map((name) => {
       const brush = state.brushes.of.get(name), column = columns.get(name);
-      const text = brush.undefined ? "is undefined" : brush.names ? brush.names.join(" or ") : brush.low === brush.high ? textOf(column, brush.low) : `${textOf(column, brush.low)} to ${textOf(column, brush.high)}`;
+      const text = brush.undefined ? "is undefined" : brush.names ? brush.names.map((name) => textOf(column, name)).join(" or ") : brush.low === brush.high ? textOf(column, brush.low) : `${textOf(column, brush.low)} to ${textOf(column, brush.high)}`;
       return chip([h("b", {}, titleOf(column)), ` ${text}`], `Remove ${titleOf(column)} ${text}`, () => { state.brushes.set(name, null); refresh(); });
     }), names.length || state.where ? h("button", { type: "button", class: "quiet", on: { click: () => { state.brushes.of.clear(); state.where = field.value = ""; refresh(); } } }, "Clear all") : null);
   };
@@ -278,7 +281,7 @@ export async function exploreView({ main, parameters, signal }) {
 
   // Dialogs.
   const saveDialog = () => {
-    const name = h("input", { type: "text", id: "selection-name", required: true, maxlength: 120 });
+    const name = h("input", { type: "text", id: "selection-name", required: true, autofocus: true, maxlength: 120 });
     const save = async () => {
       if (!name.value.trim()) return;
       try {
@@ -298,8 +301,8 @@ export async function exploreView({ main, parameters, signal }) {
     box.classList.add("large");
   };
   const trainDialog = () => {
-    const lines = documents[0].spec.functions.map((name) => command(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`));
-    dialog("Train on this", where() ? null : h("p", { class: "note wait" }, "Nothing is selected, so this trains on all persons. Select the rows where the function fails first."), h("p", { class: "soft small" }, "A new version of a function learns on fresh sites where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run."), lines).classList.add("large");
+    const lines = documents[0].spec.functions.map((name) => command(reaching(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`)));
+    dialog("Train on this", where() ? null : h("p", { class: "note wait" }, "Nothing is selected, so this trains on all persons. Select the rows where the function fails first."), h("p", { class: "soft small" }, "A new version of a function learns on fresh sites where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run.", isRemote() ? " The command runs on the server’s machine." : ""), lines).classList.add("large");
   };
   const exportDialog = () => {
     const stem = title.replaceAll(/[^\w.-]+/g, "-");
@@ -324,9 +327,6 @@ export async function exploreView({ main, parameters, signal }) {
   }
   return `Explore ${title}`;
 }
-
-// For a POSIX shell.
-const quoted = (text) => `'${text.replaceAll("'", String.raw`'\''`)}'`;
 
 function dialog(title, ...content) {
   const box = h("dialog", { "aria-labelledby": "dialog-title", on: { close: () => box.remove() } }, h("div", { class: "stack" }, h("div", { class: "spread" }, h("h2", { id: "dialog-title" }, title), h("button", { type: "button", class: "quiet close", "aria-label": "Close", on: { click: () => box.close() } }, "×")), content));
@@ -407,8 +407,7 @@ function picturesPanel(parts) {
   const show = async (further) => { (await load(further))(); };
   const kinds = h("div", { class: "segments", role: "group", "aria-label": "Kind of picture" }, Object.entries(KINDS).map(([kind, label]) => h("button", { type: "button", "data-kind": kind, "aria-pressed": String(kind === state.kind), on: { click: () => { state.kind = kind; for (const one of kinds.children) one.setAttribute("aria-pressed", String(one.dataset.kind === kind)); remember(); show(); } } }, label)));
   const crop = h("input", { type: "checkbox", checked: state.crop, on: { change: () => { state.crop = crop.checked; remember(); show(); } } });
-  const outcomes = h("p", { class: "small soft" }, "Errors: a person’s pixels are green where the function calls them person and orange where it misses them; purple is called person and is none.");
-  return { element: h("div", { class: "stack" }, outcomes, grid.element, h("div", { class: "row centre" }, more)), tools: [kinds, h("label", { class: "inline" }, crop, "Crop to person"), sortTool(parts, show, "sort-pictures")], load };
+  return { element: h("div", { class: "stack" }, errorLegend(), grid.element, h("div", { class: "row centre" }, more)), tools: [kinds, h("label", { class: "inline" }, crop, "Crop to person"), sortTool(parts, show, "sort-pictures")], load };
 }
 
 function tablePanel(parts) {

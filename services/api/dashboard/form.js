@@ -70,7 +70,7 @@ export function specForm({ change, catalog }) {
       put(requirements, [fields.requirements, [...problems]], requirementFields(fields.requirements, catalog.scores, change, problems));
       const entries = draft.several_blocks ? [] : entriesOf(draft, asset);
       used = new Set(entries.map((one) => one.parameter?.path));
-      put(light, [entries, fields.sensors, asset?.digest], draft.several_blocks ? null : lightButtons(fields, asset, entries, change, day));
+      put(light, [entries, fields.sensors, fields.points, asset?.digest], draft.several_blocks ? null : lightButtons(fields, asset, entries, change, day));
       put(rows, [entries, [...problems]], entries.map((one) => parameterRow(one, change, problems)));
       rows.hidden = adding.hidden = draft.several_blocks;
       blocks.hidden = !draft.several_blocks;
@@ -92,11 +92,13 @@ function entriesOf(draft, asset) {
 }
 
 // Buttons that make the sun's elevation constant, if the asset has one sun. A fixed exposure is black without the day.
-function lightButtons({ sensors }, asset, entries, change, day) {
+function lightButtons({ sensors, points = [] }, asset, entries, change, day) {
   const suns = (asset?.parameters ?? []).filter((one) => /\bsun\b.*\.elevation$/.test(one.path));
   if (suns.length !== 1) return null;
   const [sun] = suns, entry = entries.find((one) => one.parameter === sun);
   const at = entry?.way === "constant" ? Number.parseFloat(entry.document.value) : entry ? NaN : sun.default;
+  // Points override a constant.
+  const listed = points.flatMap((point) => Object.entries(point).filter(([name]) => names(sun).has(name)).map(([, value]) => Number.parseFloat(value)));
   const treat = (treatment) => ({ kind: "parameter", parameter: entry?.name ?? sun.name, ...treatment });
   const present = !entry ? {} : entry.way === "constant" ? { constant: entry.document.value } : { vary: { ...entry.document, parameter: undefined } };
   const set = ({ usual, low }) => {
@@ -114,7 +116,7 @@ function lightButtons({ sensors }, asset, entries, change, day) {
     change([treat({ constant: usual }), ...(fixed ? [fieldChange("sensors", null)] : [])]);
   };
   return h("div", { class: "segments", role: "group", "aria-label": "Light" }, Object.entries(LIGHTS).filter(([, { usual }]) => usual >= (sun.minimum ?? usual) && usual <= (sun.maximum ?? usual)).map(([label, range]) =>
-    h("button", { type: "button", title: `${short(sun.name)} ${range.usual}° (${lightTitle(range)})${range.low < LIGHTS.Day.low ? "; the camera meters" : ""}`, "aria-pressed": String(at >= range.low && at < range.high), on: { click: () => set(range) } }, label)));
+    h("button", { type: "button", disabled: listed.length > 0, title: listed.length ? `The points of this document set ${short(sun.name)}; edit it as text.` : `${short(sun.name)} ${range.usual}° (${lightTitle(range)})${range.low < LIGHTS.Day.low ? "; the camera meters" : ""}`, "aria-pressed": String((listed.length ? listed : [at]).every((one) => one >= range.low && one < range.high)), on: { click: () => set(range) } }, label)));
 }
 
 // A first distribution of a parameter, with the ends of the one before.

@@ -5,16 +5,18 @@ export const NONE = "–";
 
 export const count = (value) => (value === null || value === undefined ? NONE : whole.format(value));
 export const fixed = (value, digits = 1) => (value === null || value === undefined ? NONE : value.toFixed(digits));
-export const percent = (rate, digits = 1) => (rate === null || rate === undefined ? NONE : `${(100 * rate).toFixed(digits)} %`);
+export const percent = (rate, digits = 1) => (rate === null || rate === undefined ? NONE : `${(100 * rate).toFixed(digits)}\u00a0%`);
 // Distance, but mIoU: a first word that has capitals of its own stays.
 export const heading = (title) => (/^[a-z]+(?![A-Za-z])/.test(title) ? title[0].toUpperCase() + title.slice(1) : title);
+
+// A number and its unit, which stay on one line.
+export const withUnit = (number, unit) => (unit && unit !== "°" ? `${number}\u00a0${unit}` : `${number}${unit ?? ""}`);
 
 // A value of a measure with its unit; /v1/measures says how.
 export function shown({ scale, digits, unit }, value) {
   if (value === null || value === undefined) return NONE;
   if (typeof value === "string") return value;
-  const number = (value * scale).toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
-  return unit === "°" || !unit ? `${number}${unit}` : `${number} ${unit}`;
+  return withUnit((value * scale).toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }).replace("-", "−"), unit);
 }
 export const plural = (n, one, many = `${one}s`) => `${count(n)} ${n === 1 ? one : many}`;
 
@@ -57,5 +59,5 @@ export const words = (state) => state.replaceAll("-", " ");
 // Path of a parameter without the common root.
 export const short = (path) => path.replace(/^scene\./, "");
 export function value(one) {
-  return typeof one === "number" ? String(Number(one.toFixed(4))) : String(one);
+  return typeof one === "number" ? String(Number(one.toFixed(4))).replace("-", "−") : String(one);
 }

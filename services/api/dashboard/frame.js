@@ -1,9 +1,11 @@
 // One frame: picture, ground truth and predictions, with the scores of each function.
 import { get, picture } from "./api.js";
 import { h, put, s, table } from "./dom.js";
-import { fixed, heading, percent, short, shown, value, words } from "./format.js";
+import { fixed, heading, percent, short, shown, value, withUnit, words } from "./format.js";
 import { marksOf } from "./marks.js";
 import { player } from "./player.js";
+import { isRemote, reaching } from "./role.js";
+import { errorLegend } from "./thumbnails.js";
 
 const VIEWS = { all: "All", picture: "Picture", truth: "Truth", prediction: "Prediction", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
@@ -108,7 +110,7 @@ export async function frameView({ main, key, parameters, signal }) {
     for (const button of views.children) button.setAttribute("aria-pressed", String(button.dataset.view === view));
     pressed();
     slide.hidden = view === "picture" || view === "all" || WHOLE.has(view);
-    const wanted = layers(view).map((one) => ({ ...one, key: [one.view, one.evaluation?.function, one.evaluation?.sensor].join(" ") }));
+    const wanted = layers(view).map((one) => ({ ...one, key: [one.view, one.evaluation?.function, one.evaluation?.sensor, !one.evaluation && view === "all"].join(" ") }));
     put(panes, wanted.map((one) => one.key), wanted.map((one) => {
       if (!shownPanes.has(one.key)) shownPanes.set(one.key, pane(frame, one, view === "all", { moved, pointed }));
       return shownPanes.get(one.key).element;
@@ -184,7 +186,7 @@ function pane(frame, { view, evaluation }, titled, { moved, pointed }) {
   const cross = h("span", { class: "cross", hidden: true, "aria-hidden": "true" });
   const world = h("div", { class: "world" }, below, above, rectangles);
   const window_ = h("div", { class: "window", style: { "aspect-ratio": `${frame.width} / ${frame.height}` } }, world, cross, trouble);
-  const title = [titled ? VIEWS[view] : null, evaluation?.function].filter(Boolean).join(" · ");
+  const title = [titled || evaluation ? VIEWS[view] : null, evaluation?.function].filter(Boolean).join(" · ");
   const caption = title ? h("figcaption", {}, h("h3", {}, title), evaluation ? h("span", { class: "soft small number" }, captionOf(frame, evaluation)) : null) : null;
   const element = h("figure", {}, caption, window_);
   let latest = 0;
@@ -302,10 +304,12 @@ function zoomOf(frame) {
 
 function legendOf(view) {
   if (NOTES[view]) return h("p", { class: "small soft under" }, NOTES[view]);
-  if (view === "errors") {
-    return h("div", { class: "legend under" }, [["hit", "person, found"], ["miss", "person, missed"], ["false", "called person, but none"]].map(([kind, text]) => h("span", { class: "key" }, h("span", { class: `patch ${kind}` }), text)));
-  }
-  if (view !== "truth" && view !== "prediction") return null;
+  if (view === "errors") return errorLegend();
+  if (view === "all") return h("div", { class: "stack" }, errorLegend(), classLegend());
+  return view === "truth" || view === "prediction" ? classLegend() : null;
+}
+
+function classLegend() {
   return h("div", { class: "legend under classes" }, labels.filter((one) => one.train_id < 255).map((one) =>
     h("span", { class: "key" }, h("span", { class: "patch", style: { background: `rgb(${one.color.join(" ")})` } }), one.name)));
 }
@@ -329,6 +333,9 @@ function personsSection(frame) {
   return h("section", { class: "card" }, h("h2", {}, "Persons"), body);
 }
 
+// The classes of most of the missed pixels.
+const calledInstead = ({ called_instead: classes, fn }) => Object.entries(classes).slice(0, 3).map(([name, n]) => h("div", {}, `${name} ${percent(n / fn, 0)}`));
+
 function scoresSection(frame) {
   const done = frame.evaluations.filter((one) => one.state === "done");
   if (!done.length) return h("section", { class: "card" }, h("h2", {}, "Scores"), h("p", { class: "soft" }, frame.evaluations.length ? "Not evaluated yet." : "This run has no function under test."));
@@ -338,8 +345,9 @@ function scoresSection(frame) {
     done.map((one) => one.persons.find((score) => score.instance_id === person.instance_id)?.pacc)));
   const counts = measures.filter((measure) => ["tp", "fn"].includes(measure.name));
   const ofFrame = [...counts, ...measuresFrom("frame score")].map((measure) => line(measure, done.map((one) => one[measure.name])));
+  const instead = done.some((one) => one.fn) ? [h("tr", {}, h("th", { scope: "row", title: "what the pixels of persons are called that are not called person" }, "Missed, called instead"), done.map((one) => h("td", { class: "right" }, calledInstead(one))))] : [];
   return h("section", { class: "card" }, h("h2", {}, "Scores"),
-    table(["", ...done.map((one) => ({ text: several ? `${one.function} · ${one.sensor}` : one.function, class: "right" }))], [...ofPerson, ...ofFrame], { caption: "Scores per function" }),
+    table(["", ...done.map((one) => ({ text: several ? `${one.function} · ${one.sensor}` : one.function, class: "right" }))], [...ofPerson, ...instead, ...ofFrame], { caption: "Scores per function" }),
     [...new Set(done.filter((one) => one.judged_by.length).map((one) => `${one.function}: mIoU, fwIoU, mAcc and pixel accuracy are over ${one.judged_by.join(", ")} only.`))]
       .map((text) => h("p", { class: "small soft under" }, text)));
 }
@@ -348,12 +356,13 @@ function scoresSection(frame) {
 function variantSection(frame) {
   const neighbours = new Map(frame.neighbours.map((one) => [one.parameter, one]));
   const entries = [...Object.entries(frame.assignment), ...(neighbours.has("camera") ? [["camera", frame.camera]] : [])];
-  const link = (path, near, arrow) => near && h("a", { href: `#/frames/${near.frame}`, "aria-label": `${short(path)} ${value(near.value)}, else equal` }, arrow(value(near.value)));
+  const text = (path, one) => withUnit(value(one), frame.units[path]);
+  const link = (path, near, arrow) => near && h("a", { href: `#/frames/${near.frame}`, "aria-label": `${short(path)} ${text(path, near.value)}, else equal` }, arrow(text(path, near.value)));
   const item = ([path, one]) => {
-    const { before, after } = neighbours.get(path) ?? {}, unit = frame.units[path] ?? "";
-    return h("div", {}, h("dt", {}, short(path)), h("dd", { class: "number row" }, link(path, before, (text) => `← ${text}`), h("strong", {}, `${value(one)}${unit === "°" ? "" : " "}${unit}`.trim()), link(path, after, (text) => `${text} →`)));
+    const { before, after } = neighbours.get(path) ?? {};
+    return h("div", {}, h("dt", {}, short(path)), h("dd", { class: "number row" }, link(path, before, (near) => `← ${near}`), h("strong", {}, text(path, one)), link(path, after, (near) => `${near} →`)));
   };
   return h("section", { class: "card", "aria-label": "Variant" }, h("h2", {}, "Variant"),
     entries.length ? h("dl", { class: "facts" }, entries.map(item)) : h("p", { class: "soft" }, "Nothing is varied."),
-    h("p", { class: "small soft under" }, neighbours.size ? "Arrows lead to the frame that differs in this value only. " : "", "Make this frame again and compare: ", h("code", {}, `valerie replay ${frame.id}`)));
+    h("p", { class: "small soft under" }, neighbours.size ? "Arrows lead to the frame that differs in this value only. " : "", `Make this frame again and compare${isRemote() ? ", on the server’s machine" : ""}: `, h("code", {}, reaching(`valerie replay ${frame.id}`))));
 }

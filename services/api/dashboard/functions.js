@@ -3,6 +3,7 @@ import { get } from "./api.js";
 import { command, h, put, table } from "./dom.js";
 import { ago, clock, percent, plural } from "./format.js";
 import { poll } from "./poll.js";
+import { reaching } from "./role.js";
 
 const KINDS = {
   network: "network of a known architecture", onnx: "ONNX file", huggingface: "Hugging Face model",
@@ -90,6 +91,6 @@ function more(key, title, open, content) {
 function bring() {
   return h("section", { class: "card" }, h("h2", {}, "Import your own"),
     h("p", { class: "under" }, "An ONNX file, a checkpoint of a known architecture or a Hugging Face folder. No program in it is run. It is converted, checked and registered with the settings in my.yaml beside it:"),
-    h("p", { class: "under" }, command("valerie function import my.onnx")),
+    h("p", { class: "under" }, command(reaching("valerie function import my.onnx", { url: true }))),
     h("p", { class: "under small soft" }, "Versions are never overwritten. A name in a spec stands for the newest version when a run starts; the run keeps that version."));
 }

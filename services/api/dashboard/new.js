@@ -1,7 +1,7 @@
 // A new run: one document as text and as a form, with its plan and pictures of its variants while it is written.
 import { get, post, postSpec } from "./api.js";
 import { confirm, h, put, toast } from "./dom.js";
-import { bytes, count, duration, plural, value } from "./format.js";
+import { bytes, count, duration, plural, value, withUnit } from "./format.js";
 import { editor } from "./editor.js";
 import { specForm } from "./form.js";
 import { may, role } from "./role.js";
@@ -13,7 +13,7 @@ export const KEPT = "valerie-draft"; // of this tab and address, so that a look 
 //: Runs that a selection of Explore leads to: title and what it does.
 export const CHILDREN = {
   range: ["Refine here", "Draws variants from the ranges of the selected rows."],
-  nearby: ["More like these", "Repeats selected variants, each number moved by up to half a step."],
+  nearby: ["More like these", "Repeats selected variants, each number moved by up to half a step within the selection’s range; listed values stay."],
 };
 
 export async function newView({ main, parameters, signal }) {
@@ -247,7 +247,7 @@ function previewSection({ signal }) {
 
 // A picture with the values of the varied parameters, or of all where ``varied`` is null.
 function figure({ variant, picture }, units, varied) {
-  const values = Object.entries(variant.values).filter(([name]) => varied?.has(name) ?? true).map(([name, one]) => `${name} ${value(one)}${units[name] ? ` ${units[name]}` : ""}`).join(", ");
+  const values = Object.entries(variant.values).filter(([name]) => varied?.has(name) ?? true).map(([name, one]) => `${name} ${withUnit(value(one), units[name])}`).join(", ");
   const image = picture ? h("img", { alt: `Variant ${variant.index}: ${values}` }) : h("div", { class: "rejected small" }, `rejected: ${variant.rejection}`);
   if (picture) {
     const address = URL.createObjectURL(new Blob([Uint8Array.from(atob(picture), (one) => one.charCodeAt(0))], { type: "image/png" }));

@@ -3,9 +3,9 @@ import { h, put } from "./dom.js";
 import { count, fixed, percent, plural } from "./format.js";
 import { LIGHTS, lightTitle } from "./light.js";
 import { textOf, titleOf } from "./plots.js";
-import { sheet } from "./thumbnails.js";
+import { errorLegend, sheet } from "./thumbnails.js";
 
-const OUTCOMES = { broken: "Broken", fixed: "Fixed", "both missed": "Both missed", "both found": "Both found" };
+const OUTCOMES = { broken: "Broken", fixed: "Fixed", "both missed": "Both missed", "both found": "Both found", lower: "Lower", higher: "Higher" };
 const SUN = "sun_elevation_deg";
 const SHEET = 16;
 const DIFFERING = 5; // differences of specs that are named
@@ -38,7 +38,7 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
   if (!sides.includes(state.after)) state.after = sides.find((side) => side !== state.before && split(side)[1] === split(state.before)[1]) ?? sides.find((side) => side !== state.before) ?? state.before;
   let chosen = Boolean(OUTCOMES[state.outcome]);
   // Sides of one run are named by their functions; of two runs, the second is the newer one.
-  const labels = () => (sameRun() ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses` } : OUTCOMES);
+  const labels = () => (sameRun() ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses`, lower: `${text(state.after)} lower`, higher: `${text(state.before)} lower` } : OUTCOMES);
   const element = h("div", { class: "stack wide-gap" });
   const choice = (name, label) => {
     const field = h("select", { id: `side-${name}`, on: { change: () => { state[name] = field.value; state.across = []; remember(); load(); } } }, sides.map((side) => h("option", { value: side }, full(side))));
@@ -55,8 +55,9 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
     }
     const ask = () => get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome, across: state.across })}`, { signal });
     let { comparison: one, differs, rows } = await ask();
-    // Until somebody chooses: what the worse side misses alone, or the first outcome that shows something.
-    const shown = chosen ? state.outcome : [one.difference > 0 ? "fixed" : "broken", ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? state.outcome;
+    // Until somebody chooses: what the worse side misses alone, else where it is lower, else the first outcome that shows something.
+    const worse = one.difference > 0 ? ["fixed", "higher"] : one.difference < 0 ? ["broken", "lower"] : [];
+    const shown = chosen ? state.outcome : [...worse, ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? state.outcome;
     if (shown !== state.outcome) {
       state.outcome = shown;
       ({ comparison: one, rows } = await ask());
@@ -69,7 +70,7 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
       h("button", { type: "button", title: "Each run holds it at a value of its own; persons match although it differs.", "aria-pressed": String(crossed(path)), on: { click: () => { state.across = crossed(path) ? state.across.filter((other) => other !== path) : [...state.across, path]; remember(); load(); } } }, titleOf(columns.get(path)))))) : null;
     put(element, [one, state.outcome, state.across], across, verdict(one, text(state.before), text(state.after)), ofFrames(one), differing(differs), outcomes,
       h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
-      one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) })) : h("p", { class: "soft" }, one.matched ? `No person: ${labels()[state.outcome].toLowerCase()}.` : "No person of one side has a partner on the other."));
+      one.pairs.length ? [errorLegend(), pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) }))] : h("p", { class: "soft" }, one.matched ? `No person: ${labels()[state.outcome].toLowerCase()}.` : "No person of one side has a partner on the other."));
   };
   return { element, tools: [light.element, choice("before", "From"), choice("after", "to")].filter(Boolean), load };
 }
@@ -97,9 +98,9 @@ function verdict({ difference, low, high, places }, before, after) {
 
 // Precision and IoU belong to a frame, not to a person.
 function ofFrames({ precision, iou }) {
-  const change = (name, [before, after]) => (before === null || after === null ? null : `${name} ${percent(before)} → ${percent(after)} (${signed(after - before)} points)`);
+  const change = (name, [before, after]) => (before === null || after === null ? null : `pooled ${name} ${percent(before)} → ${percent(after)} (${signed(after - before)} points)`);
   const changes = [change("precision", precision), change("IoU", iou)].filter(Boolean);
-  return changes.length ? h("p", { class: "small soft" }, `Of their frames, from pooled counts: ${changes.join(", ")}; no interval.`) : null;
+  return changes.length ? h("p", { class: "small soft", title: "From the pixels of all frames together. The page of a run has the mean over its frames." }, `Of their frames: ${changes.join(", ")}; no interval.`) : null;
 }
 
 // Buttons that select by the kind of light, if the rows have several; they brush the sun's elevation.
@@ -125,7 +126,7 @@ export function swingsPanel({ get, signal, query, columns, several }) {
       return;
     }
     const parameters = [...new Set(swings.map((one) => one.parameter))];
-    put(element, swings, h("p", { class: "small soft" }, "Pairs of rows that differ in one varied parameter alone, the furthest apart in pACC first."),
+    put(element, swings, h("p", { class: "small soft" }, "Pairs of rows that differ in one varied parameter alone, the furthest apart in pACC first."), errorLegend(),
       parameters.map((name) => {
         const column = columns.get(name) ?? { title: name, group: "varied", scale: 1, unit: "", digits: null };
         return h("section", { class: "stack", "aria-label": titleOf(column) }, h("h3", {}, titleOf(column)), pairCards(swings.filter((one) => one.parameter === name), rows, ({ pair }) => ({

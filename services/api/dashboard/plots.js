@@ -13,7 +13,7 @@ export const titleOf = (column) => (column.group === "varied" ? column.title : h
 export const labelOf = (column) => (column.unit ? `${titleOf(column)} (${column.unit})` : titleOf(column));
 export function textOf(column, value) {
   if (value === null || value === undefined || Number.isNaN(value)) return "undefined";
-  if (typeof value !== "number") return String(value);
+  if (typeof value !== "number") return column.nameOf?.(value) ?? String(value);
   const digits = column.digits ?? (Math.abs(value) >= 100 ? 1 : 2);
   return shown({ ...column, digits: Number.isInteger(value * column.scale) ? 0 : digits }, value);
 }
@@ -242,12 +242,12 @@ export function scatterPlot({ brushed, opened }) {
 }
 
 // The key of the colours of a scatter plot.
-export function colorKey(c, text = (name) => name) {
+export function colorKey(c) {
   if (!c) return [];
   if (c.numeric) {
     return [h("span", { class: "key" }, textOf(c, c.low), h("span", { class: "ramp", style: { background: `linear-gradient(90deg, ${RAMP.join(",")})` } }), textOf(c, c.high))];
   }
-  return c.names.slice(0, 12).map((name, k) => h("span", { class: "key" }, h("span", { class: "patch", style: { background: `var(--series-${(k % SERIES) + 1})` } }), text(name)));
+  return c.names.slice(0, 12).map((name, k) => h("span", { class: "key" }, h("span", { class: "patch", style: { background: `var(--series-${(k % SERIES) + 1})` } }), textOf(c, name)));
 }
 
 // Histogram of one column: all rows pale, the selected ones of them strong.
@@ -299,7 +299,7 @@ export function histogramPlot(column, { brushed, removed }) {
     } else {
       context.textAlign = "center";
       const room = Math.floor(unit / 6.2);
-      data.levels.forEach((name, k) => { if (room > 2) context.fillText(String(name).length > room ? `${String(name).slice(0, room - 1)}…` : String(name), left(k) + unit / 2, foot + 4); });
+      data.levels.map((level) => textOf(column, level)).forEach((name, k) => { if (room > 2) context.fillText(name.length > room ? `${name.slice(0, room - 1)}…` : name, left(k) + unit / 2, foot + 4); });
     }
     if (data.every[bins]) { context.textAlign = "right"; context.fillText("∅", width - 1, foot + 4); }
     if (at >= 0) {
@@ -407,13 +407,21 @@ export function parallelPlot({ brushed }) {
     if (!data || data.axes.length < 2) return;
     context.fillStyle = color(canvas, "--sunk");
     context.fillRect(0, height - foot - band, width, band);
-    context.fillStyle = color(canvas, "--soft");
     context.textBaseline = "middle";
-    context.textAlign = "left";
-    context.font = "11px system-ui, sans-serif";
-    context.fillText("undefined", 4, height - foot - band + 8);
+    context.lineJoin = "round";
+    // A label over lines has a halo, so that none strikes it through.
+    const label = (text, x, y) => {
+      context.strokeStyle = color(canvas, "--card");
+      context.lineWidth = 6;
+      context.strokeText(text, x, y);
+      context.fillText(text, x, y);
+    };
     if (data.every && !data.whole) context.drawImage(flowBehind(width, height), 0, 0, width, height);
     if (data.links) flow(context, width, height, data.links, color(canvas, "--accent"), 1);
+    context.fillStyle = color(canvas, "--soft");
+    context.textAlign = "left";
+    context.font = "11px system-ui, sans-serif";
+    label("undefined", 4, height - foot - band + 8);
     data.axes.forEach((axis, k) => {
       const x = axisAt(k, width), bins = axis.every.length - 1;
       const top = placeOf(axis, bins - 1, height), low = placeOf(axis, 0, height);
@@ -439,14 +447,7 @@ export function parallelPlot({ brushed }) {
       const names = !axis.column.numeric && bins <= 8;
       const marks = names ? axis.levels.map((name, bin) => [bin, name]) : [[0, axis.levels.length ? axis.levels[0] : axis.edges[0]], [bins - 1, axis.levels.length ? axis.levels[bins - 1] : axis.edges[bins]]];
       context.textAlign = k === data.axes.length - 1 ? "right" : "left";
-      context.strokeStyle = color(canvas, "--card");
-      context.lineWidth = 4;
-      context.lineJoin = "round";
-      for (const [bin, value] of marks) {
-        const place = [textOf(axis.column, value), x + (k === data.axes.length - 1 ? -8 : 8), placeOf(axis, bin, height) - 8];
-        context.strokeText(...place);
-        context.fillText(...place);
-      }
+      for (const [bin, value] of marks) label(textOf(axis.column, value), x + (k === data.axes.length - 1 ? -8 : 8), placeOf(axis, bin, height) - 8);
     });
   }
   const clip = (context, text, room) => { let short = text; while (short.length > 4 && context.measureText(short).width > room) short = `${short.slice(0, -2)}…`; return short; };

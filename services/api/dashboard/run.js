@@ -25,6 +25,7 @@ export async function runView({ main, key, parameters, signal }) {
   let run = await get(path, { signal });
   let progress = await get(`${path}/progress`, { signal });
 
+  // Explore lists the frames once there are rows.
   const browse = async () => {
     const { items } = await get(`${path}/frames?limit=1`, { signal });
     if (items.length) location.hash = `#/frames/${items[0].id}`;
@@ -76,8 +77,9 @@ export async function runView({ main, key, parameters, signal }) {
     const failed = Object.values(progress.stages).reduce((sum, stage) => sum + stage.failed, 0);
     put(chip, state, h("span", { class: `chip ${look(state)}` }, words(state)));
     const offered = ACTIONS.filter((one) => one.states.includes(state) && (!one.needs || one.needs(failed)) && may(one.verb === "delete" ? "DELETE /v1/runs/{run_id}" : `POST /v1/runs/{run_id}/${one.verb}`));
-    put(actions, [offered.map((one) => one.verb), Boolean(run.finished_at)],
-      h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? [h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore"), run.spec.functions.length > 1 ? h("a", { class: "button", href: `#/explore?runs=${key}&tab=compare&show=rows` }, "Compare functions") : null] : null, resultLinks(run, key),
+    const evaluated = progress.stages.eval?.done ?? 0;
+    put(actions, [offered.map((one) => one.verb), Boolean(run.finished_at), evaluated > 0],
+      evaluated ? h("a", { class: "button", href: `#/explore?runs=${key}&tab=pictures&sort=&crop=0&show=rows` }, "Frames") : h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? [h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore"), run.spec.functions.length > 1 ? h("a", { class: "button", href: `#/explore?runs=${key}&tab=compare&show=rows` }, "Compare functions") : null] : null, resultLinks(run, key),
       may("POST /v1/runs") ? [h("a", { class: "button", href: `#/new?run=${key}` }, "Clone"), h("a", { class: "button", href: `#/new?parent=${key}` }, "Edit and rerun")] : null, offered.map((one) => h("button", { type: "button", class: one.danger ? "danger" : null, on: { click: () => act(one) } }, one.text)));
     put(reason, [progress.reason, state], progress.reason ? h("p", { class: `note ${look(state) === "bad" ? "bad" : "wait"}` }, progress.reason) : null);
     const left = remaining(progress);
@@ -100,7 +102,6 @@ export async function runView({ main, key, parameters, signal }) {
       ]);
       (state.startsWith("completed") ? summary : reason).after(work); // verdicts come first
     }
-    const evaluated = progress.stages.eval?.done ?? 0;
     if (evaluated !== points) {
       points = evaluated;
       await scatter.load(evaluated);

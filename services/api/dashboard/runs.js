@@ -4,7 +4,7 @@ import { command, h, put } from "./dom.js";
 import { ACTIVE, ago, clock, count, duration, look, percent, plural, words } from "./format.js";
 import { tagList } from "./marks.js";
 import { poll } from "./poll.js";
-import { may } from "./role.js";
+import { may, reaching } from "./role.js";
 
 const PAGE = 50;
 
@@ -53,8 +53,8 @@ function nothing() {
   return h("section", { class: "card empty" },
     h("h2", {}, "No run yet"),
     h("p", {}, "A run varies a scene, renders it and measures how well functions see pedestrians.", submits() ? " Start the first one:" : ""),
-    submits() && command("valerie run examples/first-run.yaml"),
-    submits() && h("p", { class: "small" }, "or ", h("a", { href: "#/new" }, "write a new one here"), ", or submit a file with ", h("code", {}, "valerie submit SPEC"), "."));
+    submits() && command(reaching("valerie run examples/first-run.yaml")),
+    submits() && h("p", { class: "small" }, "or ", h("a", { href: "#/new" }, "write a new one here"), ", or submit a file with ", h("code", {}, reaching("valerie submit SPEC", { url: true })), "."));
 }
 
 const HEAD = ["Run", "State", "Progress", "Variants", "Submitted", "Took"];

@@ -3,7 +3,7 @@ import { get } from "./api.js";
 import { command, h, put } from "./dom.js";
 import { ago, clock, plural, words } from "./format.js";
 import { poll } from "./poll.js";
-import { may } from "./role.js";
+import { may, reaching } from "./role.js";
 
 const PAGE = 50;
 const LOOKS = { running: "active", paused: "wait", finished: "good", stopped: "ended" };
@@ -43,7 +43,7 @@ function nothing() {
     h("h2", {}, "No study yet"),
     h("p", {}, "A study is a question with a budget: it proposes variants, runs them and decides what comes next."),
     may("POST /v1/studies") ? [h("p", { class: "small" }, h("a", { href: "#/studies/new" }, "Write one here"), ", or write and submit a file:"),
-      command("valerie study new study.yaml"), command("valerie study submit study.yaml")] : null);
+      command("valerie study new study.yaml"), command(reaching("valerie study submit study.yaml", { url: true }))] : null);
 }
 
 function entry(study) {

@@ -17,8 +17,8 @@ export function summarySection({ verdicts, judged: sentences, summary, findings,
   const head = [
     "Function", ...(several ? ["Sensor"] : []), "Pedestrian",
     { text: "mean pACC", class: "right", title: "mean over all persons in frames with a defined pACC" }, { text: "min", class: "right" }, { text: "max", class: "right" },
-    { text: "pooled", class: "right", title: "from the pixels of all frames together" },
-    { text: "Precision", class: "right", title: "mean over the frames; false positives belong to no person" }, { text: "IoU", class: "right", title: "mean over the frames" },
+    { text: "pooled pACC", class: "right", title: "from the pixels of all frames together" },
+    { text: "mean precision", class: "right", title: "mean over the frames; false positives belong to no person" }, { text: "mean IoU", class: "right", title: "mean over the frames" },
     { text: `Detected ≥ ${summary.threshold}`, class: "right", title: "share of persons with a pACC of at least the threshold" },
     { text: "Frames", class: "right" }, "Undefined",
   ];

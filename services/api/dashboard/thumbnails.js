@@ -4,6 +4,10 @@ import { h, painted } from "./dom.js";
 
 const SHEET = 16, ACROSS = 8, WIDTH = 160;
 
+// The colours of the pictures "errors".
+export const errorLegend = () => h("div", { class: "legend under" }, [["hit", "person, found"], ["miss", "person, missed"], ["false", "called person, but none"]].map(([kind, text]) =>
+  h("span", { class: "key" }, h("span", { class: `patch ${kind}` }), text)));
+
 export const tileOf = (row) => `${row.frame_id}:${row.instance_id ?? 0}:${row.function}:${row.sensor}`;
 
 export function thumbnails() {

@@ -3,6 +3,7 @@ import { get } from "./api.js";
 import { command, h, put, s, table } from "./dom.js";
 import { NONE, ago, bytes, count, duration, fixed, plural, words } from "./format.js";
 import { poll } from "./poll.js";
+import { reaching } from "./role.js";
 
 const STAGES = { render: "Render", infer: "Infer", eval: "Evaluate" };
 const REACH = [[1, "hour"], [24, "day"], [168, "week"]];
@@ -36,7 +37,7 @@ export async function workersView({ main, parameters, signal }) {
 
 function nobody() {
   return h("section", { class: "card empty" }, h("h2", {}, "No living worker"),
-    h("p", {}, "Runs wait until a worker starts. On this machine, server and workers start together:"), command("valerie up"),
+    h("p", {}, "Runs wait until a worker starts. On this machine, server and workers start together:"), command(reaching("valerie up")),
     h("p", { class: "small" }, "on other machines: ", h("code", {}, "valerie worker render"), ", ", h("code", {}, "valerie worker infer"), ", ", h("code", {}, "valerie worker eval")));
 }
 

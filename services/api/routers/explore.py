@@ -359,7 +359,7 @@ def refine(
     resolved = read_run(context, run[0]).resolved
     table = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
     if form == "nearby":
-        child = similar_spec(table, exploration.table, resolved.spec, resolved.definitions, count)
+        child = similar_spec(table, exploration.table, resolved.spec, resolved.space.names, count)
     else:
         child = drawn_spec(table, resolved.spec, resolved.definitions, count)
     return SpecRead(yaml=draft_of(child))

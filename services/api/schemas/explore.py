@@ -124,7 +124,7 @@ class ComparisonRead(Read):
             {
                 "rows": [30, 30],
                 "matched": 28,
-                "outcomes": {"fixed": 3, "broken": 1, "both missed": 2, "both found": 22},
+                "outcomes": {"fixed": 3, "broken": 1, "both missed": 2, "both found": 22, "lower": 9, "higher": 14},
                 "difference": 0.04,
                 "low": 0.01,
                 "high": 0.07,

@@ -79,6 +79,10 @@ class FrameEvaluation(measured(Source.FRAME_SCORE)):  # type: ignore[misc]  # li
     fn: int | None = Field(description="pixels of persons that are predicted as another class", examples=[210])
     tn: int | None = Field(description="all other pixels", examples=[515900])
     pacc: float | None = Field(description="recall of the class person in this frame", examples=[0.9041])
+    called_instead: dict[str, int] = Field(
+        description="class that missed pixels of persons are called, to their number, most first",
+        examples=[{"rider": 130, "car": 80}],
+    )
     judged_by: list[str] = Field(
         description="classes that pixel_accuracy, miou, fwiou and macc cover; empty: all 19", examples=[[]]
     )

@@ -20,6 +20,10 @@ class AccessRead(Read):
     role: Role = Field(examples=["viewer"])
     project: str = Field(description="the only one that exists for it; empty: all do", examples=["radar"])
     refused: list[str] = Field(description="endpoints that need another role", examples=[["POST /v1/runs"]])
+    data_dir: str = Field(
+        description="the server's data folder, for an operator on its machine; empty for others and for the default one",
+        examples=["/srv/valerie"],
+    )
 
 
 class QuotaRead(Read):

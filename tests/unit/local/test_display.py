@@ -80,8 +80,15 @@ def test_the_table_shows_why_a_run_waits() -> None:
 
 def test_a_line_says_the_same() -> None:
     assert progress_line("first", _progress(failed=3, reason="waits")) == (
-        "first: running, render 30/138 (3 failed) 6.1/s, infer 0/276, about 18 s left, waits"
+        "first: running, render 30/138 (3 failed) 6.1/s, infer 0/276, waits"
     )
+
+
+def test_a_line_has_the_remaining_time_of_the_last_stage_once_every_stage_has_one() -> None:
+    progress = _progress()
+    assert " left" not in progress_line("first", progress)
+    stages = {**progress.stages, "infer": progress.stages["infer"].model_copy(update={"eta_s": 95.0})}
+    assert "about 1 min 35 s left" in progress_line("first", progress.model_copy(update={"stages": stages}))
 
 
 def test_a_run_that_ended_has_no_remaining_time() -> None:

@@ -31,9 +31,13 @@ from valerie.statistics.fidelity import Fidelity, instance_fidelity
 _SHOWN_FLIPS: Final = 3
 #: Most findings and candidates that are tested in the other run.
 _MOST_FINDINGS: Final = 12
-#: Whether something is so here and there, in words.
-_WHERE: Final = {
-    (True, True): "in both", (False, False): "in neither", (True, False): "only here", (False, True): "only there",
+#: Where something holds, and where it is not decided, by whether it is so here and there.
+_HOLDS: Final = {
+    (True, True): "holds in both", (False, False): "holds in neither",
+    (True, False): "holds only here", (False, True): "holds only there",
+}  # fmt: skip
+_UNDECIDED: Final = {
+    (True, True): "not decided in either run", (True, False): "not decided here", (False, True): "not decided there",
 }  # fmt: skip
 #: Columns that are taken from the other run. The function keeps its name in the first run.
 _OWN_COLUMNS: Final = tuple(name for name in (*names_from(*OF_FUNCTION), "undefined_reason") if name != "function")
@@ -146,8 +150,8 @@ class Conclusion:
         """Agreement of both runs in words."""
         here, there = self.here.outcome, self.there.outcome
         if self.decided:
-            return f"holds {_WHERE[here is ClaimOutcome.REPRODUCED, there is ClaimOutcome.REPRODUCED]}"
-        return f"undecided {_WHERE[not here.decided, not there.decided]}"
+            return _HOLDS[here is ClaimOutcome.REPRODUCED, there is ClaimOutcome.REPRODUCED]
+        return _UNDECIDED[not here.decided, not there.decided]
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +166,7 @@ class Beside:
         differs: differences between the specs besides names, in words.
         functions: one entry per function and sensor setting that both have.
         conclusions: findings, candidates and claims.
+        where: expression that selected the first run's rows; empty: all.
     """
 
     here: str
@@ -174,6 +179,7 @@ class Beside:
     differs: tuple[str, ...]
     functions: tuple[FunctionBeside, ...]
     conclusions: tuple[Conclusion, ...]
+    where: str = ""
 
     def to_json(self) -> JsonObject:
         """Return JSON values."""
@@ -299,8 +305,9 @@ def _functions(
             own = both & one.codes("function").where(function) & one.codes("sensor").where(sensor)
             if not own.any():
                 continue
-            masks = {"all persons": own, **{name: own & part for name, part in parts_of(one).items()}}
-            masks = {name: mask for name, mask in masks.items() if mask.any()}
+            parts = {name: own & part for name, part in parts_of(one).items()}
+            masks = {name: mask for name, mask in parts.items() if mask.any() and (mask != own).any()}
+            masks = {"all persons": own, **masks}
             differences = differences_of(masks, one, two, threshold)
             slices = [
                 SharedSlice(

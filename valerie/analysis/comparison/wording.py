@@ -8,6 +8,7 @@ from typing import Final
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
 from valerie.analysis.wording import ALIKE_PLACES, NO_INTERVAL, counted, for_whom, percent, points, population
 from valerie.measures import measure_of
+from valerie.runs.document.varied import DISTRIBUTIONS
 from valerie.statistics.fidelity import Fidelity
 from valerie.statistics.gates import EFFECT
 
@@ -89,8 +90,17 @@ def difference_of_specs(place: str, here: object, there: object, *, own: str = "
 
 
 def _setting(value: object) -> str:
+    """Return a value as specs write it; a distribution as in the list notation."""
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_setting(part)}" for key, part in value.items())
+        if (of := DISTRIBUTIONS.get(str(value.get("distribution")))) is not None:
+            numbers = ", ".join(_setting(value[field]) for field in of.listed if value.get(field) is not None)
+            more = {key: part for key, part in value.items() if key not in ("distribution", *of.listed)}
+            return " ".join(filter(None, (of.word(), numbers, _setting(more))))
+        return ", ".join(f"{key} {_setting(part)}" for key, part in value.items() if part is not None)
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_setting, value))
+    if isinstance(value, bool):
+        return str(value).lower()
     return "not set" if value is None else str(value)
 
 

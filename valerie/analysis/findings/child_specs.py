@@ -143,28 +143,33 @@ def similar_spec(
     table: EvaluationTable,
     every: EvaluationTable,
     spec: RunSpec,
-    definitions: Iterable[ParameterDefinition],
+    names: Mapping[str, ParameterDefinition],
     count: int,
 ) -> RunSpec:
     """Return the spec of a run whose variants resemble those of a selection.
 
-    Each is a selected variant, chosen at random; every number moves by up to half the median gap between its values in the run.
-    So what the selected values have to do with each other stays (the smoothed bootstrap: Efron 1982, section 5.3, ISBN
-    978-0-89871-179-0).
+    Each is a selected variant, chosen at random; every number moves by up to half the median gap between its values in the run,
+    within the range of the selection. So what the selected values have to do with each other stays (the smoothed bootstrap:
+    Efron 1982, section 5.3, ISBN 978-0-89871-179-0). Values of a CHOICE stay as they are, and equal variants are left out.
 
     Args:
         table: the selected rows, of one run.
         every: all rows of that run.
         spec: of the run.
-        definitions: the run's parameters.
-        count: number of variants.
+        names: every name and path of the run's parameters, to the parameter.
+        count: largest number of variants.
 
     Raises:
         InvalidInput: there is no row.
     """
     if not len(table):
         raise InvalidInput("selects no row to look for more like it", field="where")
-    kinds = {definition.path: definition.type for definition in definitions}
+    chosen = {
+        names[varied.parameter].path
+        for block in spec.blocks
+        for varied in block.vary
+        if isinstance(varied, VariedChoice)
+    }
     paths = list(table.parameters)
     distinct = sorted(
         {
@@ -176,26 +181,28 @@ def similar_spec(
     generator = np.random.default_rng(spec.seed)
     points: list[dict[str, Scalar]] = [dict(distinct[k]) for k in generator.integers(len(distinct), size=count)]
     for path in paths:
-        if kinds[path] not in (ParameterType.FLOAT, ParameterType.ANGLE):
+        selected = _values(table, path)
+        if path in chosen or len(selected) < 2 or names[path].type not in (ParameterType.FLOAT, ParameterType.ANGLE):
             continue
-        values = np.array(_values(every, path), np.float64)
-        if len(values) < 2:
-            continue
-        half, low, high = float(np.median(np.diff(values))) / 2, values[0], values[-1]
+        low, high = float(selected[0]), float(selected[-1])
+        half = min(float(np.median(np.diff(np.array(_values(every, path), np.float64)))) / 2, high - low)
         for point, move in zip(points, generator.uniform(-half, half, count), strict=True):
             if path in point:
-                # Reflected at the ends of the run's range, where clipping would pile variants up.
+                # Reflected at the ends of the selection's range, where clipping would pile variants up.
                 place = low + abs(float(point[path]) + move - low)
                 point[path] = round(float(high - abs(high - place)), 4)
-    block = BlockDocument(design="points", points=tuple(points), constants=_common_constants(spec.blocks))
-    return _child(spec, table, block)
+    distinct_points = {tuple(point.items()): point for point in points}
+    block = BlockDocument(
+        design="points", points=tuple(distinct_points.values()), constants=_common_constants(spec.blocks)
+    )
+    return _child(spec, table, block, "similar")
 
 
-def _child(spec: RunSpec, table: EvaluationTable, block: BlockDocument) -> RunSpec:
+def _child(spec: RunSpec, table: EvaluationTable, block: BlockDocument, change: str = "refined") -> RunSpec:
     """Return the spec with a single block, whose constants are the run's, as a form shows them."""
     update = {
         "blocks": (block.model_copy(update={"constants": {}}),),
         "constants": {**spec.constants, **block.constants},
-        **descent(spec, table.codes("run_id").names[0]),
+        **descent(spec, table.codes("run_id").names[0], change=change),
     }
     return spec.model_copy(update=update)

@@ -120,7 +120,10 @@ def aligned(tables: Sequence[EvaluationTable]) -> list[EvaluationTable]:
 
 
 def parts_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
-    """Return the groups by distance, occlusion, character and camera: name to (N,) bool."""
+    """Return the groups by distance, occlusion, character, camera and the levels of every varied parameter: name to (N,) bool.
+
+    Of groups with equal rows, such as a character that is varied, the first one stays.
+    """
     parts = _distance_bands(table)
     occlusion = table.numbers("occlusion_rate")
     for name, low, high in _OCCLUSION:
@@ -128,7 +131,11 @@ def parts_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
     for kind, names in (("character", characters(table)), ("camera", table.codes("camera").names)):
         if len(names) > 1:
             parts |= {f"{kind} {name}": table.codes(kind).where(name) for name in names}
-    return parts
+    parts |= levels_of(table)
+    distinct: dict[bytes, str] = {}
+    for name, rows in parts.items():
+        distinct.setdefault(np.packbits(rows).tobytes(), name)
+    return {name: parts[name] for name in distinct.values()}
 
 
 def levels_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:

@@ -21,12 +21,17 @@ from valerie.statistics.gates import compare_versions
 
 
 class PairOutcome(StrEnum):
-    """Change of a person from the first side to the second; found means pACC ≥ the threshold."""
+    """Change of a person from the first side to the second; found means pACC ≥ the threshold.
+
+    The last two are of any person, found or not, that the second side scores lower or higher.
+    """
 
     FIXED = "fixed"
     BROKEN = "broken"
     BOTH_MISSED = "both missed"
     BOTH_FOUND = "both found"
+    LOWER = "lower"
+    HIGHER = "higher"
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +143,7 @@ def compare_sides(
     masks = {
         PairOutcome.FIXED: ~hit & hit_after, PairOutcome.BROKEN: hit & ~hit_after,
         PairOutcome.BOTH_MISSED: ~hit & ~hit_after, PairOutcome.BOTH_FOUND: hit & hit_after,
+        PairOutcome.LOWER: pb < pa_, PairOutcome.HIGHER: pb > pa_,
     }  # fmt: skip
     # Largest change first; among persons that both sides missed, the lowest scores.
     weight = pa_ + pb if outcome is PairOutcome.BOTH_MISSED else -np.abs(pb - pa_)

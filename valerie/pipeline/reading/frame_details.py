@@ -14,6 +14,7 @@ from valerie.db.links import StoredFrame
 from valerie.db.measured import MeasuredPerson
 from valerie.db.models import Assignment
 from valerie.db.results import FrameEvaluation
+from valerie.labels import PERSON, TRAIN_NAMES
 from valerie.measures import Measures, Source, names_from
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
@@ -24,6 +25,7 @@ from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 from valerie.runs.products.states import ProductState
 from valerie.runs.resolving.spec import ResolvedRun
+from valerie.storage.codecs import decode_counts
 
 _DARK: Final = dict.fromkeys(names_from(Source.LIGHT))
 #: Most rejected variants between a frame and its neighbour.
@@ -100,6 +102,7 @@ class EvaluationDetails:
         prediction, scores: digests.
         state: ``done``, ``failed``, or the state of the slower product.
         measures: scores of the class person and of the frame; None until done.
+        called_instead: class that missed pixels of persons are called, to their number, most first.
         judged_by: classes of the scores over all classes; empty: all.
         persons: scores of the persons.
         images: kind of picture to its address.
@@ -111,6 +114,7 @@ class EvaluationDetails:
     scores: str
     state: str
     measures: Measures
+    called_instead: Mapping[str, int]
     judged_by: Sequence[str]
     persons: Sequence[MeasuredPerson]
     images: Mapping[str, str]
@@ -286,6 +290,12 @@ def _summary(frame: StoredFrame, states: Iterable[ProductState], resolved: Resol
     )
 
 
+def _called_instead(confusion: bytes) -> dict[str, int]:
+    counts = zip(TRAIN_NAMES.values(), decode_counts(confusion)[PERSON.train_id].tolist(), strict=True)
+    missed = {name: count for name, count in counts if count and name != PERSON.name}
+    return dict(sorted(missed.items(), key=lambda one: -one[1]))
+
+
 def _evaluation(
     key: FrameKey, row: FrameEvaluation, persons: Sequence[MeasuredPerson], run: StoredRun, address: Address
 ) -> EvaluationDetails:
@@ -299,6 +309,7 @@ def _evaluation(
         # Scores stay where the prediction was removed.
         state=_state((row.scores_state,) if row.score else (row.prediction_state, row.scores_state)),
         measures=_UNSCORED if row.score is None else row.score.figures,
+        called_instead={} if row.score is None else _called_instead(row.score.confusion),
         judged_by=pinned_card(run.pins, function).judged_by,
         persons=persons,
         images={

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
 import pyarrow as pa
 import structlog
 from sqlalchemy import Connection
@@ -36,6 +37,7 @@ from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.scenes import FrameCount, SceneRun, match_scenes
+from valerie.pipeline.reading.selection import evaluated_persons, run_where
 from valerie.pipeline.reading.tables import read_classes, read_table, read_together
 from valerie.runs.document.differing import FREE, differing
 from valerie.runs.moments import duration
@@ -169,6 +171,7 @@ def compare_runs(
     functions: tuple[str, str] | None = None,
     claims: Claims | None = None,
     across: Sequence[str] = (),
+    where: str = "",
     progress: FrameCount | None = None,
 ) -> Beside:
     """Compare an ended run with another one of the same scenes, or two functions of one run.
@@ -180,13 +183,32 @@ def compare_runs(
         functions: a function of the run, and the one of the other run to compare it with; None: all that both have.
         claims: statements to test in both.
         across: names or paths of parameters that each run holds at a value of its own; frames match across them.
+        where: expression that selects rows of the run; empty: all.
         progress: is told how many frames of a run were read, of how many.
 
     Raises:
         NotFound, Conflict, UnknownName: as for `report_with`.
-        InvalidInput: likewise, or a parameter of ``across`` is unknown or varies inside a run.
+        InvalidInput: likewise, or a parameter of ``across`` is unknown or varies inside a run, or ``where`` is wrong, selects
+            nothing, or selects by scores.
     """
-    return _compared(context, _ended(context, run_id), other, claims, functions, across, progress)
+    here = _ended(context, run_id)
+    if where.strip():
+        here = replace(here, table=_selected(context, here.stored, here.table, where))
+    beside = _compared(context, here, other, claims, functions, across, progress)
+    return replace(beside, where=where.strip())
+
+
+def _selected(context: Context, run: StoredRun, table: EvaluationTable, where: str) -> EvaluationTable:
+    condition = run_where(where, run.resolved, field="--where")
+    if condition.scored:
+        # What one side scored low by chance, the other would seem to improve.
+        limit = "what is known without a function, such as distance_m, or a parameter"
+        raise InvalidInput("a comparison of scores cannot select by them", field="--where", value=where, limit=limit)
+    with reading(context.engine) as connection:
+        rows = np.array([condition.holds(person.row) for person in evaluated_persons(connection, run)], np.bool_)
+    if not rows.any():
+        raise InvalidInput("selects no row", field="--where", value=where)
+    return table.select(rows)
 
 
 def _ended(context: Context, *run_ids: str) -> RunResults:

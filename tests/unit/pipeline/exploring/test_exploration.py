@@ -203,6 +203,18 @@ def test_two_functions_are_matched_frame_by_frame(explored: Exploration) -> None
     assert compared.low < np.mean([b - a for a, b in both]) < compared.high  # type: ignore[operator]
 
 
+def test_pairs_that_one_side_scores_lower_are_shown_though_both_sides_find_them() -> None:
+    table = planted_table([0.9, 0.8, 0.9, 0.6, 0.7, 0.8], [0, 0, 1, 1, 2, 2], function=["net", "other"] * 3)
+    explored = Exploration(table)
+    compared = compare_sides(
+        explored, explored.select(), Side("planted", "net"), Side("planted", "other"),
+        threshold=0.5, outcome=PairOutcome.LOWER, limit=5,
+    )  # fmt: skip
+    assert [(pair.pacc_before, pair.pacc_after) for pair in compared.pairs] == [(0.9, 0.6), (0.9, 0.8)]
+    counts = compared.outcomes
+    assert (counts[PairOutcome.BROKEN], counts[PairOutcome.LOWER], counts[PairOutcome.HIGHER]) == (0, 2, 1)
+
+
 def test_two_runs_are_matched_by_what_they_vary() -> None:
     before = planted_table([0.1, 0.9, 0.8], [0, 1, 2], run_id="a")
     # The same positions in another order, and one that the first run lacks.

@@ -78,6 +78,17 @@ def test_a_day_run_is_compared_with_a_dusk_run_across_the_light_that_each_holds(
         compare_runs(pipeline.context, day, swept)
 
 
+def test_a_comparison_of_selected_rows_refuses_a_selection_by_scores(pipeline: Pipeline) -> None:
+    here, there = pipeline.submit(), pipeline.submit(SMALL | {"name": "again"})
+    assert [pipeline.run(run) for run in (here, there)] == ["completed"] * 2
+    comparison = compare_runs(pipeline.context, here, there, where="person-1.pos.y < 3.3 and camera == 'camera-1'")
+    assert (comparison.frames, comparison.functions[0].slices[0].pairs) == (8, 8)
+    with pytest.raises(InvalidInput, match="--where: a comparison of scores cannot select by them"):
+        compare_runs(pipeline.context, here, there, where="pacc < 0.5")
+    with pytest.raises(InvalidInput, match="--where: selects no row"):
+        compare_runs(pipeline.context, here, there, where="person-1.pos.y > 70")
+
+
 def test_another_street_and_a_running_run_are_refused(pipeline: Pipeline) -> None:
     here = pipeline.submit()
     moved = pipeline.submit(SMALL | {"constants": {"sun-1.azimuth": 77.0}})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections import Counter
 from typing import Any
 
 import httpx
@@ -12,7 +13,7 @@ from PIL import Image
 
 from tests.world.drawn import DrawnRuns
 from tests.world.world import settings_of
-from valerie.labels import CITYSCAPES, PERSON, TRAIN_LABELS, colorize
+from valerie.labels import CITYSCAPES, PERSON, TRAIN_LABELS, TRAIN_NAMES, colorize
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.reading.product_reader import ProductReader
@@ -111,6 +112,10 @@ def test_visibility_and_scores_agree_with_the_stored_products(
             "pacc_empty": 0.0,  # the drawn functions see nobody where nobody stands
         }
         assert scored.items() >= expected.items()
+        others = Counter(TRAIN_NAMES[train_id] for train_id in predicted[visible].tolist())
+        del others[PERSON.name]
+        assert one["called_instead"] == others
+        assert [*one["called_instead"].values()] == sorted(others.values(), reverse=True)
     assert [evaluation["function"] for evaluation in frame["evaluations"]] == [
         "deeplabv3plus-small",
         "semantic-fpn-small",

@@ -98,6 +98,16 @@ def test_a_caller_learns_what_its_role_may_not_do(guarded: Guarded) -> None:
     assert answers["admin"]["refused"] == []
 
 
+def test_only_an_operator_on_the_machine_of_the_server_learns_its_data_folder(guarded: Guarded) -> None:
+    def folder(**headers: str) -> str:
+        return str(guarded.operator.get("/v1/access", headers=headers).json()["data_dir"])
+
+    assert Path(folder()).is_absolute()
+    assert folder(**guarded.issue("admin-asks-where", "admin")) == ""
+    for header in ("X-Forwarded-For", "X-Real-IP", "Via", "Forwarded"):
+        assert folder(**{header: "203.0.113.7"}) == ""
+
+
 def test_the_dashboard_asks_for_the_role_of_endpoints_that_exist() -> None:
     scripts = (Path(services.api.__file__).parent / "dashboard").glob("*.js")
     rights = {name for script in scripts for name in re.findall(r'may\("([^"]+)"\)', script.read_text())}
