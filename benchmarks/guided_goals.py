@@ -18,7 +18,9 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Final
 from unittest import mock
 
@@ -28,6 +30,7 @@ from scipy.special import logit
 
 from benchmarks import planted_modes, planted_scores, planted_streets
 from benchmarks.guided_peers import package
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.guided import map as mapping
 from valerie.guided.cascade import Cascade
 from valerie.guided.compare import Compare
@@ -349,43 +352,77 @@ def measure_compare(case: str, *, seed: int, repetitions: int) -> CoverageRow:
     return CoverageRow("compare", case, repetitions, float(np.mean(held)), float(np.mean(pairs)), float("nan"))
 
 
-def measure_cascade(case: str, *, seed: int, repetitions: int) -> CoverageRow:
-    """Measure estimates from two engines with costs of 1 and `COSTLY`, in 40 batches of 60."""
-    correlation = CASCADE_CASES[case]
-    rare = correlation is None
-    low, right, high = 0.005, 0.02, 0.025
+@dataclass(frozen=True, slots=True)
+class _TwoEngines:
+    """Scores by two engines: of (n, 2) points by an engine, the true mean or failure rate, and True for a rate."""
+
+    scores: Callable[[Floats, int], Floats]
+    truth: float
+    rate: bool
+
+
+def _correlated(correlation: float, repetition: int) -> _TwoEngines:
+    del repetition
     # The costly score mixes the cheap one, of deviation 0.6 / √12, and noise of deviation 1 / √12.
-    noise = 0.0 if correlation is None else 0.6 * (1 / correlation**2 - 1) ** 0.5
+    noise = 0.6 * (1 / correlation**2 - 1) ** 0.5
     spread = noise / (1 + noise)
 
     def scores(points: Floats, level: int) -> Floats:
-        if rare:
-            fails = points[:, 0] < right if level == 0 else (points[:, 0] > low) & (points[:, 0] < high)
-            return np.where(fails, 0.1, 0.9)
         cheap = 0.2 + 0.6 * points[:, 0]
         return cheap if level == 0 else (1 - spread) * cheap + spread * points[:, 1]
 
+    return _TwoEngines(scores, 0.5, rate=False)
+
+
+def _failing(cheap: float, missed: float, others: float) -> _TwoEngines:
+    """Return failures of a rate by the cheap engine, of which the costly one passes some, and fails others."""
+
+    def scores(points: Floats, level: int) -> Floats:
+        u = points[:, 0]
+        return np.where(u < cheap if level == 0 else (u > missed) & (u < cheap + others), 0.1, 0.9)
+
+    return _TwoEngines(scores, cheap - missed + others, rate=True)
+
+
+def _drawn(repetition: int) -> _TwoEngines:
+    rng = np.random.default_rng([repetition, 8])
+    cheap = float(np.exp(rng.uniform(np.log(0.005), np.log(0.3))))
+    return _failing(cheap, cheap * rng.uniform(0.02, 0.7), float(np.exp(rng.uniform(np.log(5e-4), np.log(0.05)))))
+
+
+def _measured(function: str, repetition: int, *, rate: bool) -> _TwoEngines:
+    """Return draws from the pACC of a network on the kept frames of ``make paper-cycles``, by raster and Cycles."""
+    del repetition
+    kept = Path(__file__).parents[1] / "docs" / "experiment"
+    tables = [EvaluationTable.from_parquet(kept / f"paper-cycles{end}.parquet") for end in ("-raster", "")]
+    pairs = np.stack([table.numbers("pacc")[table.codes("function").where(function)] for table in tables])
+    pairs = pairs[:, ~np.isnan(pairs).any(axis=0)]
+
+    def scores(points: Floats, level: int) -> Floats:
+        return np.asarray(pairs[level, (points[:, 0] * pairs.shape[1]).astype(np.int64)])
+
+    return _TwoEngines(scores, float(np.mean(pairs[1] < AT_LEAST if rate else pairs[1])), rate)
+
+
+def measure_cascade(case: str, *, seed: int, repetitions: int) -> CoverageRow:
+    """Measure estimates from two engines with costs of 1 and `COSTLY`, in 40 batches of 60."""
     held, pairs, squares, plain = [], [], [], []
     for repetition in range(seed, seed + repetitions):
-        if case == "any rates":
-            rng = np.random.default_rng([repetition, 8])
-            right = float(np.exp(rng.uniform(np.log(0.005), np.log(0.3))))
-            low, high = right * rng.uniform(0.02, 0.7), right + float(np.exp(rng.uniform(np.log(5e-4), np.log(0.05))))
-        truth = high - low if rare else 0.5
-        strategy = Cascade(Cube(2), seed=repetition, costs=(1, COSTLY), at_least=AT_LEAST if rare else None)
+        engines = CASCADE_CASES[case](repetition)
+        strategy = Cascade(Cube(2), seed=repetition, costs=(1, COSTLY), at_least=AT_LEAST if engines.rate else None)
         cost = 0
         for _ in range(40):
             proposal = strategy.ask(60)
-            strategy.tell(proposal.points, scores(proposal.points, proposal.level))
+            strategy.tell(proposal.points, engines.scores(proposal.points, proposal.level))
             cost += len(proposal) * (COSTLY if proposal.level else 1)
-        points = np.random.default_rng([repetition, 7]).random((cost // COSTLY, 2))
-        alone = scores(points, 1) < AT_LEAST if rare else scores(points, 1)
-        interval = mean_interval(alone, sampling_units("random", np.arange(len(points))))
+        alone = engines.scores(np.random.default_rng([repetition, 7]).random((cost // COSTLY, 2)), 1)
+        units = sampling_units("random", np.arange(len(alone)))
+        interval = mean_interval(alone < AT_LEAST if engines.rate else alone, units)
         assert isinstance(interval, Interval), "there are enough points"
         plain.append((interval.high - interval.low) ** 2)
         known = strategy.result
         assert known is not None, "there are enough pairs"
-        held.append(known.low <= truth <= known.high)
+        held.append(known.low <= engines.truth <= known.high)
         pairs.append(known.costly)
         squares.append((known.high - known.low) ** 2)
     gain = float(np.mean(plain) / np.mean(squares))
@@ -393,7 +430,17 @@ def measure_cascade(case: str, *, seed: int, repetitions: int) -> CoverageRow:
 
 
 COMPARE_CASES: Final = ("mild", "flips in 5 %", "flips in 0.5 %")
-#: Name to the correlation of the engines' scores; None for failure rates: of 2 %, of which a quarter differs, or drawn.
-CASCADE_CASES: Final = {"correlation 0.8": 0.8, "correlation 0.95": 0.95, "rare failures": None, "any rates": None}
+#: Name to the engines of a repetition.
+CASCADE_CASES: Final[dict[str, Callable[[int], _TwoEngines]]] = {
+    "correlation 0.8": partial(_correlated, 0.8),
+    "correlation 0.95": partial(_correlated, 0.95),
+    "rare failures": lambda _: _failing(0.02, 0.005, 0.005),
+    "any rates": _drawn,
+    **{
+        f"Cycles, {function}, {'rate' if rate else 'mean'}": partial(_measured, function, rate=rate)
+        for function in ("semantic-fpn-small", "deeplabv3plus-small")
+        for rate in (False, True)
+    },
+}
 #: Cost of the costly engine, in units of the cheap one's.
 COSTLY: Final = 25
