@@ -215,8 +215,8 @@ def compare(
         if row_keys(table) != row_keys(first):
             raise InvalidInput("rows of other frames or persons", field=name)
     defined = np.isfinite(first.numbers("pacc"))  # the same in all versions: visibility alone decides it
-    parts = {**(more_groups or {}), **parts_of(first)}
-    masks = {"all persons": present(first), **{name: mask for name, mask in parts.items() if (mask & defined).any()}}
+    more = {name: mask for name, mask in (more_groups or {}).items() if (mask & defined).any()}
+    masks = {"all persons": present(first), **more, **parts_of(first, defined)}
     differences = [differences_of(masks, first, table, threshold) for table in tables[1:]]
     sides = [(table, frame_counts(table)) for table in tables]
     groups = [

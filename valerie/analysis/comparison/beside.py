@@ -305,9 +305,7 @@ def _functions(
             own = both & one.codes("function").where(function) & one.codes("sensor").where(sensor)
             if not own.any():
                 continue
-            parts = {name: own & part for name, part in parts_of(one).items()}
-            masks = {name: mask for name, mask in parts.items() if mask.any() and (mask != own).any()}
-            masks = {"all persons": own, **masks}
+            masks = {"all persons": own, **{name: own & part for name, part in parts_of(one, own).items()}}
             differences = differences_of(masks, one, two, threshold)
             slices = [
                 SharedSlice(

@@ -119,10 +119,15 @@ def aligned(tables: Sequence[EvaluationTable]) -> list[EvaluationTable]:
     return [rows_taken(table, paired_rows(order, own)[1]) for table, own in zip(tables, keys, strict=True)]
 
 
-def parts_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
+def parts_of(table: EvaluationTable, counting: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
     """Return the groups by distance, occlusion, character, camera and the levels of every varied parameter: name to (N,) bool.
 
-    Of groups with equal rows, such as a character that is varied, the first one stays.
+    Left out are groups with none or all of the counting rows, and those with the same ones as an earlier group, such as a
+    character that is varied.
+
+    Args:
+        table: N rows.
+        counting: (N,) True for the rows that count.
     """
     parts = _distance_bands(table)
     occlusion = table.numbers("occlusion_rate")
@@ -132,10 +137,13 @@ def parts_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
         if len(names) > 1:
             parts |= {f"{kind} {name}": table.codes(kind).where(name) for name in names}
     parts |= levels_of(table)
-    distinct: dict[bytes, str] = {}
+    seen = {(rows & counting).tobytes() for rows in (~counting, counting)}
+    distinct = {}
     for name, rows in parts.items():
-        distinct.setdefault(np.packbits(rows).tobytes(), name)
-    return {name: parts[name] for name in distinct.values()}
+        if (own := (rows & counting).tobytes()) not in seen:
+            seen.add(own)
+            distinct[name] = rows
+    return distinct
 
 
 def levels_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:

@@ -90,7 +90,7 @@ def test_a_difference_is_paired_and_has_an_interval(comparison: VersionCompariso
     assert difference.low == pytest.approx(0.3 - 0.75 * (1 - 0.025 ** (1 / 20)))
     assert (difference.places, difference.judgement) == (20, "better")
     names = [group.name for group in comparison.groups]
-    assert {"distance 10–20 m", "character black", "camera camera-1", "not occluded (≤ 5 %)"} <= set(names)
+    assert {"distance 10–20 m", "character black", "camera camera-1"} <= set(names)
 
 
 def test_changes_for_the_worse_are_listed_like_changes_for_the_better(comparison: VersionComparison) -> None:
