@@ -18,7 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
@@ -390,13 +390,19 @@ def _drawn(repetition: int) -> _TwoEngines:
     return _failing(cheap, cheap * rng.uniform(0.02, 0.7), float(np.exp(rng.uniform(np.log(5e-4), np.log(0.05)))))
 
 
-def _measured(function: str, repetition: int, *, rate: bool) -> _TwoEngines:
-    """Return draws from the pACC of a network on the kept frames of ``make paper-cycles``, by raster and Cycles."""
-    del repetition
+@cache
+def _kept_pairs(function: str) -> Floats:
+    """Return (2, n) pACC by raster and by Cycles where both are defined."""
     kept = Path(__file__).parents[1] / "docs" / "experiment"
     tables = [EvaluationTable.from_parquet(kept / f"paper-cycles{end}.parquet") for end in ("-raster", "")]
     pairs = np.stack([table.numbers("pacc")[table.codes("function").where(function)] for table in tables])
-    pairs = pairs[:, ~np.isnan(pairs).any(axis=0)]
+    return np.asarray(pairs[:, ~np.isnan(pairs).any(axis=0)])
+
+
+def _measured(function: str, repetition: int, *, rate: bool) -> _TwoEngines:
+    """Return draws from the pACC of a network on the kept frames of ``make paper-cycles``, by raster and Cycles."""
+    del repetition
+    pairs = _kept_pairs(function)
 
     def scores(points: Floats, level: int) -> Floats:
         return np.asarray(pairs[level, (points[:, 0] * pairs.shape[1]).astype(np.int64)])

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valerie.cli.registering import import_file, open_registry, register_file
-from valerie.cli.shell import AsJson, DataDir, InferenceThreads, Url, say, template, write_output
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, Url, say, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
@@ -105,6 +105,7 @@ def try_(
     """
     from tempfile import TemporaryDirectory
 
+    from valerie.document import template
     from valerie.local.spec_files import read_spec
     from valerie.metrics.collection import collection_scores
     from valerie.pipeline.reading.painting import png

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import IntEnum
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, ClassVar, NoReturn, TextIO
 
@@ -208,11 +207,6 @@ def write_output(path: Path, content: bytes) -> None:
     say(f"wrote {save(content, path)}")
 
 
-def template(package: str) -> str:
-    """Return the commented ``template.yaml`` of a package."""
-    return resources.files(package).joinpath("template.yaml").read_text(encoding="utf-8")
-
-
 def write_template(package: str, path: Path, *, force: bool, then: str) -> None:
     """Write the commented ``template.yaml`` of a package to a file, or print it for ``-``, and say what comes next.
 
@@ -225,6 +219,8 @@ def write_template(package: str, path: Path, *, force: bool, then: str) -> None:
     Raises:
         InvalidInput: the file exists, or cannot be written.
     """
+    from valerie.document import template
+
     text = template(package)
     if str(path) == "-":
         sys.stdout.write(text)

@@ -31,9 +31,10 @@ from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
 from valerie.guided.exploration import SpaceFilling
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Scores, Why
-from valerie.guided.surrogate import margins, one_thread
+from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
 from valerie.statistics.intervals import highest_share
+from valerie.statistics.threads import one_thread
 
 Floats = NDArray[np.float64]
 

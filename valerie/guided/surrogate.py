@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -12,6 +11,7 @@ from scipy.special import logit, ndtr
 
 from valerie.guided.strategy import Scores
 from valerie.parameters.samplers import UnitPoints
+from valerie.statistics.threads import one_thread
 
 #: Maps (n, dimensions) points to (n, k) numbers that cost little, such as distances.
 Covariates = Callable[[UnitPoints], NDArray[np.float64]]
@@ -27,19 +27,6 @@ _FOLDS: Final = 5
 def margins(scores: Scores, at_least: float) -> NDArray[np.float64]:
     """Return the margins of scores in [0, 1] over ``at_least``, in logits; negative for failures."""
     return np.asarray(logit(np.clip(scores, *CLIPPED)) - logit(np.clip(at_least, *CLIPPED)))
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Keep scikit-learn to one thread, so that a sum does not depend on the number of cores.
-
-    Further threads gain nothing on so few points, and spin where cores are busy.
-    """
-    import sklearn.ensemble  # noqa: F401  # only loaded libraries can be limited
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):
-        yield
 
 
 class Surrogate:

@@ -20,6 +20,7 @@ from valerie.errors import InvalidInput, MissingDependency
 from valerie.statistics.confirmation import holm
 from valerie.statistics.neighbours import alike
 from valerie.statistics.observations import Observations, coordinates, dense
+from valerie.statistics.threads import one_thread
 
 #: Fewer places than this cannot be split into useful folds.
 MIN_PLACES: Final = 20
@@ -186,8 +187,7 @@ def measured_importance(
     from scipy.stats import rankdata
 
     try:
-        import sklearn.ensemble  # noqa: F401  # its OpenMP is limited below, so it must be loaded
-        from threadpoolctl import threadpool_limits
+        import sklearn.ensemble  # noqa: F401  # to say what is missing
     except ModuleNotFoundError as error:
         raise MissingDependency("importance needs scikit-learn: install valerie[report]") from error
     scores, numbers, place = _checked(values, places, columns)
@@ -201,8 +201,7 @@ def measured_importance(
     # Monotone transforms do not affect trees, and the regressions are nearly linear on this scale.
     normal = np.column_stack([ndtri((rankdata(numbers[:, k]) - 0.5) / len(rows)) for k in varying])
     fold = (generator.permutation(count) % _FOLDS)[place]
-    # Trees of so few rows gain nothing from threads, which on busy cores wait for each other, spinning.
-    with threadpool_limits(1, user_api="openmp"):
+    with one_thread():
         models = [_fit(normal[fold != k], scores[fold != k]) for k in range(_FOLDS)]
 
         def errors(x: Floats) -> Floats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
@@ -35,6 +34,7 @@ from services.api.transfer import IfNoneMatch, send_page
 from valerie.db import studies
 from valerie.db.engine import reading
 from valerie.db.studies import BatchRow, StudyRow
+from valerie.document import template
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control.studies import commands, reporting
 from valerie.pipeline.control.studies.advancing import left
@@ -133,7 +133,7 @@ def list_studies(
 
 @router.get("/studies/template", responses=problems(422), summary="A commented study to start from")
 def read_template() -> StudyTemplate:
-    return StudyTemplate(text=files("valerie.studies").joinpath("template.yaml").read_text(encoding="utf-8"))
+    return StudyTemplate(text=template("valerie.studies"))
 
 
 @router.get(

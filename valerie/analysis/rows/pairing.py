@@ -136,7 +136,7 @@ def parts_of(table: EvaluationTable, counting: NDArray[np.bool_]) -> dict[str, N
     for kind, names in (("character", characters(table)), ("camera", table.codes("camera").names)):
         if len(names) > 1:
             parts |= {f"{kind} {name}": table.codes(kind).where(name) for name in names}
-    parts |= levels_of(table)
+    parts |= _all_levels(table)
     seen = {(rows & counting).tobytes() for rows in (~counting, counting)}
     distinct = {}
     for name, rows in parts.items():
@@ -148,10 +148,7 @@ def parts_of(table: EvaluationTable, counting: NDArray[np.bool_]) -> dict[str, N
 
 def levels_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
     """Return the groups by distance and by the levels of every varied parameter: name to (N,) bool."""
-    groups = _distance_bands(table)
-    for path, kind in table.parameters.items():
-        groups |= {f"{short_name(path)} {name}": rows for name, rows in _levels(table, path, kind).items()}
-    return groups
+    return _distance_bands(table) | _all_levels(table)
 
 
 def _distance_bands(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
@@ -165,6 +162,14 @@ def _distance_bands(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
         f"distance {low:g}–{high:g} m": (distance >= low) & (distance < high) for low, high in pairwise(edges.tolist())
     }
     return {name: rows for name, rows in bands.items() if rows.any()}
+
+
+def _all_levels(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
+    return {
+        f"{short_name(path)} {name}": rows
+        for path, kind in table.parameters.items()
+        for name, rows in _levels(table, path, kind).items()
+    }
 
 
 def _levels(table: EvaluationTable, path: str, kind: str) -> dict[str, NDArray[np.bool_]]:

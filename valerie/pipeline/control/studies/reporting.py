@@ -48,7 +48,9 @@ def report(context: Context, study_id: str) -> str:
         study = studies.get(connection, study_id)
         batches = studies.batches(connection, study_id)
     pursuit = informed_pursuit(resolve_row(context, study), batches)
-    result = pursuit.result()
+    result, pair = pursuit.result(), pursuit.pair()
+    conditions = () if pair is None else _conditions(context, pursuit.study, batches, pair[0])
+    differences = () if pair is None else _differences(context, pursuit.study, batches, pair)
     return build_report(
         StudyReport(
             id=study.id,
@@ -56,10 +58,10 @@ def report(context: Context, study_id: str) -> str:
             question=study.document.goal.question,
             state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
             ended=study.state.is_final,
-            sentences=() if result is None else (*result.sentences, *_conditions(context, pursuit, batches)),
+            sentences=() if result is None else (*result.sentences, *conditions),
             outlook=outlook(study, batches, result) or "",
             boundary=pursuit.boundary(),
-            pictures=(*decisive_pictures(context, pursuit, batches), *_differences(context, pursuit, batches)),
+            pictures=(*decisive_pictures(context, pursuit, batches), *differences),
             batches=tuple(_shown(batch, pursuit.study) for batch in batches),
             totals=_totals(batches, pursuit.study),
             measure=study.document.measure,
@@ -140,27 +142,27 @@ def decisive_pictures(context: Context, pursuit: Pursuit, batches: Sequence[Batc
                 yield ShownPicture(caption, score_text, values, str(key), picture)
 
 
-def _differences(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -> Iterator[ShownPicture]:
+def _differences(
+    context: Context, study: ResolvedStudy, batches: Sequence[BatchRow], pair: Sequence[tuple[int, int]]
+) -> Iterator[ShownPicture]:
     """Yield the difference of the pictures of a minimal pair for each camera, where it can be painted."""
-    places = pursuit.pair()
-    for camera, name in enumerate(pursuit.study.run.cameras if places else ()):
-        keys = [FrameKey(str(batches[number].run_id), index, camera) for number, index in places or ()]
+    for camera, name in enumerate(study.run.cameras):
+        keys = [FrameKey(str(batches[number].run_id), index, camera) for number, index in pair]
         try:
-            pair = [paint_picture(context, find_picture(context, key, kind=PictureKind.PICTURE)) for key in keys]
+            painted = [paint_picture(context, find_picture(context, key, kind=PictureKind.PICTURE)) for key in keys]
         except ValerieError as error:
             log.warning("study.picture", frame=str(keys[0]), error=str(error))
             continue
-        pixels, gain = brightened_difference(*pair)
+        pixels, gain = brightened_difference(*painted)
         caption = f"Absolute difference of the failing and the passing picture, {gain:.3g} times as bright."
         yield ShownPicture(f"Difference, {name}", "", caption, " − ".join(map(str, keys)), jpeg(pixels))
 
 
-def _conditions(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -> Iterator[str]:
+def _conditions(
+    context: Context, study: ResolvedStudy, batches: Sequence[BatchRow], failing: tuple[int, int]
+) -> Iterator[str]:
     """Yield in words what the truth measured in the worst row of the failing variant of a minimal pair."""
-    places, study = pursuit.pair(), pursuit.study
-    if places is None:
-        return
-    number, index = places[0]
+    number, index = failing
     try:
         run = started_run(context, str(batches[number].run_id))
     except NotFound:
