@@ -29,9 +29,10 @@ class PostgresServer:
     Args:
         folder: an empty folder.
         environment: further variables of the server.
+        connections: largest number of them.
     """
 
-    def __init__(self, folder: Path, environment: Mapping[str, str] | None = None) -> None:
+    def __init__(self, folder: Path, environment: Mapping[str, str] | None = None, *, connections: int = 50) -> None:
         programs = _programs(folder)
         as_root = os.geteuid() == 0  # which Postgres refuses to run as
         data, self._sockets = folder / "data", folder / "sockets"
@@ -49,7 +50,7 @@ class PostgresServer:
         self._options["env"] = {**os.environ, **(environment or {})}
         self._command = [
             str(programs / "postgres"), "-D", str(data), "-k", str(self._sockets),
-            "-c", "listen_addresses=", "-c", "fsync=off", "-c", "max_connections=50",
+            "-c", "listen_addresses=", "-c", "fsync=off", "-c", f"max_connections={connections}",
         ]  # fmt: skip
 
     def __enter__(self) -> Self:
