@@ -33,6 +33,7 @@ _MEMORY_LIMITS = resource.getrlimit(resource.RLIMIT_DATA)
 #: Files and folders whose tests run on one worker, and the name of what they share. They begin first, since they take longest.
 _TOGETHER = {
     "tests/acceptance/test_kills.py": "systems",
+    "tests/acceptance/test_releases.py": "systems",
     "tests/integration/": "systems",
     "tests/urban_street/": "street",
 }

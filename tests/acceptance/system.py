@@ -22,40 +22,11 @@ from valerie.storage.store import open_store
 ENDED = ("completed", "completed-with-failures", "cancelled", "failed")
 
 
-class System:
-    """Context manager around the one-machine mode."""
+class Api:
+    """A server that tests talk to through a client."""
 
-    def __init__(self, data_dir: Path, assets: Path, **settings: Any) -> None:
-        fast = {"lease_seconds": 3.0, "heartbeat_seconds": 0.5, "sweep_seconds": 0.5, "resend_seconds": 3.0}
-        self.settings = load_settings(
-            {},
-            **{
-                "data_dir": data_dir,
-                "asset_dir": assets,
-                "api_port": 0,
-                "testing_engines": True,
-                "render_engines": "blank",
-                "infer_functions": "blank",
-                "infer_engines": "none",
-                "visibility_timeout_seconds": 5,
-                "shutdown_seconds": 1.0,
-                "min_free_mb": 0,
-                **fast,
-                **settings,
-            },
-        )
-        lock = running.Lock(self.settings.data_dir)
-        assert lock.take()
-        self.supervisor = Supervisor(self.settings, lock)
-
-    def __enter__(self) -> Self:
-        self.supervisor.__enter__()
-        self.client = httpx.Client(base_url=self.supervisor.url, timeout=30.0)
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self.client.close()
-        self.supervisor.__exit__(*error)
+    def __init__(self, client: httpx.Client) -> None:
+        self.client = client
 
     def submit(self, document: dict[str, Any], **headers: str) -> str:
         answer = self.client.post("/v1/runs", json=document, headers=headers)
@@ -94,6 +65,56 @@ class System:
             for row in table.to_pylist()
         ]
 
+    def _answer(self, path: str) -> httpx.Response:
+        """GET with patience: the API may be the process that was killed."""
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                answer = self.client.get(path)
+                if answer.status_code < 500:
+                    answer.raise_for_status()
+                    return answer
+            except httpx.TransportError:
+                pass
+            assert time.monotonic() < deadline, path
+            time.sleep(0.2)
+
+
+class System(Api):
+    """Context manager around the one-machine mode."""
+
+    def __init__(self, data_dir: Path, assets: Path, **settings: Any) -> None:
+        fast = {"lease_seconds": 3.0, "heartbeat_seconds": 0.5, "sweep_seconds": 0.5, "resend_seconds": 3.0}
+        self.settings = load_settings(
+            {},
+            **{
+                "data_dir": data_dir,
+                "asset_dir": assets,
+                "api_port": 0,
+                "testing_engines": True,
+                "render_engines": "blank",
+                "infer_functions": "blank",
+                "infer_engines": "none",
+                "visibility_timeout_seconds": 5,
+                "shutdown_seconds": 1.0,
+                "min_free_mb": 0,
+                **fast,
+                **settings,
+            },
+        )
+        lock = running.Lock(self.settings.data_dir)
+        assert lock.take()
+        self.supervisor = Supervisor(self.settings, lock)
+
+    def __enter__(self) -> Self:
+        self.supervisor.__enter__()
+        super().__init__(httpx.Client(base_url=self.supervisor.url, timeout=30.0))
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.client.close()
+        self.supervisor.__exit__(*error)
+
     def objects(self) -> dict[str, str]:
         """Key to SHA-256 of every stored product."""
         store = open_store(self.settings.artifacts_url)
@@ -110,17 +131,3 @@ class System:
         processes = self.processes(service)
         worker = [p for p in processes if p.children() and "multiprocessing" not in " ".join(p.cmdline())]
         return worker[0].children() if worker else processes[:1]
-
-    def _answer(self, path: str) -> httpx.Response:
-        """GET with patience: the API may be the process that was killed."""
-        deadline = time.monotonic() + 60
-        while True:
-            try:
-                answer = self.client.get(path)
-                if answer.status_code < 500:
-                    answer.raise_for_status()
-                    return answer
-            except httpx.TransportError:
-                pass
-            assert time.monotonic() < deadline, path
-            time.sleep(0.2)
