@@ -7,9 +7,10 @@ import struct
 import subprocess
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -21,6 +22,7 @@ from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
 from tests.acceptance.system import System
+from tests.chaos.link import Link
 from tests.world.postgres import PostgresServer
 from tests.world.processes import kill
 from valerie.embedded import redis_server
@@ -44,6 +46,7 @@ class Target:
         server: of its database; None on SQLite.
         artifacts: folder of its store: a small file system of its own where the machine permits to mount one.
         clock: file with the seconds by which the clocks of its processes are ahead; there is none unless a fault steps them.
+        links: to the database and the broker, by their names, if a fault disturbs them.
     """
 
     system: System
@@ -52,6 +55,7 @@ class Target:
     server: PostgresServer | None
     artifacts: Path
     clock: Path
+    links: Mapping[str, Link] = field(default_factory=dict)
     #: Held by faults of the database's server and of the store's file system, which happen one at a time.
     alone: threading.Lock = field(default_factory=threading.Lock)
 
@@ -222,6 +226,14 @@ def _storm(target: Target, random: Random) -> None:
             time.sleep(random.uniform(0.0, 0.3))
 
 
+def _cut_link(name: str, target: Target, random: Random) -> None:
+    target.links[name].cut(random.uniform(1.0, 8.0))
+
+
+def _slow_link(name: str, target: Target, random: Random) -> None:
+    target.links[name].slow(random.uniform(0.02, 0.2), random.uniform(3.0, 8.0))
+
+
 def new_clock(clock: Path) -> None:
     """Write the file of `Target.clock`, and the library beside it with which processes read it."""
     clock.write_bytes(struct.pack("q", 0))
@@ -245,6 +257,8 @@ POSTGRES = {
     "kill database": _kill_database,
     "restart database": _restart_database,
     "end sessions of database": _end_sessions,
+    "cut link to database": partial(_cut_link, "database"),
+    "slow link to database": partial(_slow_link, "database"),
 }
 FAULTS: dict[str, Fault] = {
     "kill worker": _kill_worker,
@@ -257,6 +271,8 @@ FAULTS: dict[str, Fault] = {
     "restart broker": _restart_broker,
     "hang broker": _hang_broker,
     "empty broker": _empty_broker,
+    "cut link to broker": partial(_cut_link, "broker"),
+    "slow link to broker": partial(_slow_link, "broker"),
     "lock database": _lock_database,
     **POSTGRES,
     **MOUNTED,

@@ -22,11 +22,13 @@ from sqlalchemy import Engine, func, select
 
 from tests.acceptance.system import System
 from tests.chaos.faults import CLOCKS, FAULTS, MOUNTED, STORM, Target, clock_environment, new_clock
+from tests.chaos.link import Link
 from tests.chaos.watching import Happened, Watcher, contradictions, note_published
 from tests.world.boxes import spec, write_box_street
 from tests.world.postgres import PostgresServer
 from valerie.db.engine import open_database, reading
 from valerie.db.models import Product, Worker
+from valerie.embedded import redis_server
 from valerie.embedded.supervisor import WORKERS, ServiceFailedError
 from valerie.runs.products.states import ProductState, RunState
 
@@ -124,21 +126,30 @@ def _target(database: str, outcome: Outcome) -> Iterator[Target]:
     with ExitStack() as stack:
         if names & set(MOUNTED):
             stack.enter_context(_mounted(artifacts))
-        server, settings = None, {"artifacts_url": str(artifacts)}
+        server, settings, links = None, {"artifacts_url": str(artifacts)}, dict[str, Link]()
         if database == "postgres":
             (folder / "postgres").mkdir()
             server = stack.enter_context(PostgresServer(folder / "postgres", variables))
             settings["database_url"] = server.url("postgres")
+            if any(name.endswith("link to database") for name in names):
+                (folder / "link").mkdir(mode=0o755)
+                links["database"] = stack.enter_context(Link(folder / "link" / server.socket.name, server.socket))
+                settings["database_url"] = server.url("postgres", sockets=folder / "link")
         system = System(folder / "data", folder / "assets", **settings)
+        if any(name.endswith("link to broker") for name in names):
+            path = redis_server.socket_path(system.settings.data_dir)
+            links["broker"] = stack.enter_context(Link(folder / "redis.sock", path))
+            url = redis_server.server_url(folder / "redis.sock")
+            stack.enter_context(mock.patch.object(redis_server, "server_url", return_value=url))
         begun = time.monotonic()
         with mock.patch.dict(os.environ, variables):
             stack.enter_context(system)
-        engine = open_database(system.settings.database_url)
+        engine = open_database(server.url("postgres") if server else system.settings.database_url)
         stack.callback(engine.dispose)
         note_published(engine)
         _await_workers(engine)
         outcome.start_seconds = time.monotonic() - begun
-        yield Target(system, system.submit(_DOCUMENT), engine, server, artifacts, clock)
+        yield Target(system, system.submit(_DOCUMENT), engine, server, artifacts, clock, links)
 
 
 def _await_workers(engine: Engine) -> None:
@@ -166,7 +177,7 @@ def disturb(target: Target, outcome: Outcome) -> None:
     """Begin each fault when its share of products is done, act as a patient user, and return when the run has ended."""
     waiting, threads = list(outcome.faults), list[threading.Thread]()
     begun = disturbed = acted = time.monotonic()
-    with Watcher(target.system.settings.database_url, target.run_id, outcome.faults) as watcher:
+    with Watcher(str(target.engine.url), target.run_id, outcome.faults) as watcher:
         while True:
             now, state = time.monotonic(), watcher.state
             lasting = {fault.name for fault in outcome.faults if fault.lasts}

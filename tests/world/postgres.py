@@ -60,9 +60,14 @@ class PostgresServer:
     def __exit__(self, *error: object) -> None:
         self.stop(signal.SIGQUIT)  # at once, without a checkpoint
 
-    def url(self, name: str) -> str:
-        """Return the URL of one of its databases."""
-        return f"postgresql://postgres@/{name}?host={self._sockets}"
+    def url(self, name: str, *, sockets: Path | None = None) -> str:
+        """Return the URL of one of its databases, by default through its own folder of sockets."""
+        return f"postgresql://postgres@/{name}?host={sockets or self._sockets}"
+
+    @property
+    def socket(self) -> Path:
+        """Path of its socket; another with this name in another folder may lead to it."""
+        return self._sockets / ".s.PGSQL.5432"
 
     def start(self) -> None:
         """Start the server, and return when it answers."""
