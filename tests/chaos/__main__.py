@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable
 
 from benchmarks import results
-from tests.chaos.faults import CLOCKS, FAULTS, MOUNTED, POSTGRES
+from tests.chaos.faults import DIALS, FAULTS, MOUNTED, POSTGRES
 from tests.chaos.schedule import DATABASES, Outcome, drawn, play
 from valerie.plain import JsonObject
 
@@ -57,7 +57,7 @@ def lacking_here() -> dict[str, str]:
         command = [*private, sys.executable, "-m", "tests.chaos", *sys.argv[1:]]
         os.execvpe(private[0], command, {**os.environ, _OWN_MOUNTS: "1"})
     lacking = {} if _OWN_MOUNTS in os.environ else dict.fromkeys(MOUNTED, "this user may not mount a file system")
-    return lacking | ({} if shutil.which("cc") else {CLOCKS: "there is no C compiler cc"})
+    return lacking | ({} if shutil.which("cc") else dict.fromkeys(DIALS, "there is no C compiler cc"))
 
 
 def reported(outcome: Outcome, options: str) -> Outcome:

@@ -32,7 +32,7 @@ from valerie.storage.keys import PRODUCTS
 from valerie.storage.store import open_store
 
 _STEP_SECONDS = 7200
-_CLOCK_SOURCE = Path(__file__).with_name("clock.c")
+_SOURCES = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class Target:
         engine: a connection of the test to the database.
         server: of its database; None on SQLite.
         artifacts: folder of its store: a small file system of its own where the machine permits to mount one.
-        clock: file with the seconds by which the clocks of its processes are ahead; there is none unless a fault steps them.
+        dials: files with a number that the processes read: of `CLOCKS`, the seconds by which their clocks are ahead; of `CALLS`,
+            how many of a thousand calls on files of the store fail. Each is there if its fault happens.
         links: to the database and the broker, by their names, if a fault disturbs them.
     """
 
@@ -54,7 +55,7 @@ class Target:
     engine: Engine
     server: PostgresServer | None
     artifacts: Path
-    clock: Path
+    dials: Mapping[str, Path] = field(default_factory=dict)
     links: Mapping[str, Link] = field(default_factory=dict)
     #: Held by faults of the database's server and of the store's file system, which happen one at a time.
     alone: threading.Lock = field(default_factory=threading.Lock)
@@ -195,10 +196,21 @@ def _object(target: Target, random: Random) -> Path:
 
 
 def _step_clocks(target: Target, random: Random) -> None:
-    with target.clock.open("r+b") as file:  # in place, since processes have mapped it
-        (ahead,) = struct.unpack("q", file.read())
+    _turn(target.dials[CLOCKS], random.choice((-_STEP_SECONDS, _STEP_SECONDS)))
+
+
+def _failing_calls(target: Target, random: Random) -> None:
+    per_thousand = random.choice((10, 50, 200))
+    _turn(target.dials[CALLS], per_thousand)
+    time.sleep(random.uniform(2.0, 6.0))
+    _turn(target.dials[CALLS], -per_thousand)
+
+
+def _turn(dial: Path, by: int) -> None:
+    with dial.open("r+b") as file:  # in place, since processes have mapped it
+        (number,) = struct.unpack("q", file.read())
         file.seek(0)
-        file.write(struct.pack("q", ahead + random.choice((-_STEP_SECONDS, _STEP_SECONDS))))
+        file.write(struct.pack("q", number + by))
 
 
 def _second_control(target: Target, random: Random) -> None:
@@ -206,7 +218,7 @@ def _second_control(target: Target, random: Random) -> None:
     settings = target.system.supervisor.settings
     with (target.system.supervisor.logs / "control-2.log").open("ab") as log:
         command = python_command("services.api", "--control-only")
-        environment = {**service_environment("api", settings), **clock_environment(target.clock)}
+        environment = {**service_environment("api", settings), **dial_environment(target.dials, target.artifacts)}
         second = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
     try:
         time.sleep(random.uniform(3.0, 5.0))
@@ -234,23 +246,25 @@ def _slow_link(name: str, target: Target, random: Random) -> None:
     target.links[name].slow(random.uniform(0.02, 0.2), random.uniform(3.0, 8.0))
 
 
-def new_clock(clock: Path) -> None:
-    """Write the file of `Target.clock`, and the library beside it with which processes read it."""
-    clock.write_bytes(struct.pack("q", 0))
-    command = ["cc", "-shared", "-fPIC", "-O2", "-o", str(_library(clock)), str(_CLOCK_SOURCE), "-ldl"]
-    subprocess.run(command, check=True)
+def new_dial(name: str, folder: Path) -> Path:
+    """Write the file of a fault of `DIALS`, and the library beside it with which processes read it; return its path."""
+    source, dial = _SOURCES / DIALS[name], folder / Path(DIALS[name]).stem
+    dial.write_bytes(struct.pack("q", 0))
+    subprocess.run(["cc", "-shared", "-fPIC", "-O2", "-o", f"{dial}.so", str(source), "-ldl"], check=True)
+    return dial
 
 
-def clock_environment(clock: Path) -> dict[str, str]:
-    """Return the variables of processes whose clocks follow the file; none without the file."""
-    return {"LD_PRELOAD": str(_library(clock)), "CHAOS_CLOCK": str(clock)} if clock.exists() else {}
+def dial_environment(dials: Mapping[str, Path], artifacts: Path) -> dict[str, str]:
+    """Return the variables of processes that read the files; none without files."""
+    if not dials:
+        return {}
+    paths = {f"CHAOS_{dial.name.upper()}": str(dial) for dial in dials.values()}
+    return {"LD_PRELOAD": ":".join(f"{dial}.so" for dial in dials.values()), "CHAOS_FOLDER": str(artifacts), **paths}
 
 
-def _library(clock: Path) -> Path:
-    return clock.with_suffix(".so")
-
-
-CLOCKS = "step all clocks"
+CLOCKS, CALLS = "step all clocks", "failing calls of store"
+#: Fault to the source of the library that it needs.
+DIALS = {CLOCKS: "clock.c", CALLS: "calls.c"}
 STORM = "storm of cancel, resume, retry"
 MOUNTED = {"fill store": _fill_store, "read-only store": _read_only_store}
 POSTGRES = {
@@ -279,5 +293,6 @@ FAULTS: dict[str, Fault] = {
     "tear object": _tear_object,
     "lose object": _lose_object,
     CLOCKS: _step_clocks,
+    CALLS: _failing_calls,
     STORM: _storm,
 }

@@ -21,7 +21,7 @@ import httpx
 from sqlalchemy import Engine, func, select
 
 from tests.acceptance.system import System
-from tests.chaos.faults import CLOCKS, FAULTS, MOUNTED, STORM, Target, clock_environment, new_clock
+from tests.chaos.faults import DIALS, FAULTS, MOUNTED, STORM, Target, dial_environment, new_dial
 from tests.chaos.link import Link
 from tests.chaos.watching import Happened, Watcher, contradictions, note_published
 from tests.world.boxes import spec, write_box_street
@@ -118,11 +118,10 @@ def _target(database: str, outcome: Outcome) -> Iterator[Target]:
     folder = outcome.folder
     folder.chmod(0o755)  # Postgres may run as another user
     write_box_street(folder / "assets" / "box-street")
-    clock, artifacts = folder / "clock", folder / "artifacts"
+    artifacts = folder / "artifacts"
     artifacts.mkdir()
-    if CLOCKS in names:
-        new_clock(clock)
-    variables = clock_environment(clock)
+    dials = {name: new_dial(name, folder) for name in DIALS if name in names}
+    variables = dial_environment(dials, artifacts)
     with ExitStack() as stack:
         if names & set(MOUNTED):
             stack.enter_context(_mounted(artifacts))
@@ -149,7 +148,7 @@ def _target(database: str, outcome: Outcome) -> Iterator[Target]:
         note_published(engine)
         _await_workers(engine)
         outcome.start_seconds = time.monotonic() - begun
-        yield Target(system, system.submit(_DOCUMENT), engine, server, artifacts, clock, links)
+        yield Target(system, system.submit(_DOCUMENT), engine, server, artifacts, dials, links)
 
 
 def _await_workers(engine: Engine) -> None:
