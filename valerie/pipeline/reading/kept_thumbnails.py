@@ -34,7 +34,7 @@ from valerie.storage.store import ArtifactStore
 #: Width of a thumbnail in pixels, as the dashboard's grid shows it.
 _WIDTH: Final = 160
 _QUALITY: Final = 85
-#: Frames of one object, unless a single variant has more.
+#: Most frames of one object, unless there are more cameras.
 _FRAMES: Final = 50
 _KINDS: Final = (PictureKind.PICTURE, PictureKind.ERRORS)
 #: The instance of a thumbnail that shows the whole frame.
@@ -49,24 +49,33 @@ def variants_together(resolved: ResolvedRun) -> int:
 def keep_thumbnails(
     context: Context, frames: Collection[FrameKey], painter: FramePainter, keep: Callable[[str, bytes], object]
 ) -> None:
-    """Keep thumbnails of frames, as far as their pictures are there. Those that are kept already stay.
+    """Keep thumbnails of frames of a run, as far as their pictures are there. Those that are kept already stay.
 
     Args:
         context: of this process.
-        frames: of neighbouring variants of a run, which share an object.
+        frames: of the run; it is fastest if frames that share an object come together.
         painter: of the pictures in the context's store.
         keep: stores an object of the run under a name.
     """
-    if not frames:
-        return
-    first = min(frames)
-    sources = sources_of_frames(context, first.run_id, frames, evaluated=True)
-    name = _object_name(first, started_run(context, first.run_id).resolved)
+    together: dict[str, list[FrameKey]] = {}
+    for frame in sorted(frames):
+        name = _object_name(frame, started_run(context, frame.run_id).resolved)
+        together.setdefault(name, []).append(frame)
+    for name, some in together.items():
+        files = _files(context.store, run_key(some[0].run_id, name))
+        present = len(files)
+        _add(files, context, some, painter)
+        if len(files) > present:
+            keep(name, _archive(files))
+
+
+def _add(files: dict[str, bytes], context: Context, frames: Collection[FrameKey], painter: FramePainter) -> None:
+    """Add those thumbnails of some frames of a run that are missing among the files of an object."""
+    run_id = next(iter(frames)).run_id
+    sources = sources_of_frames(context, run_id, frames, evaluated=True)
     with reading(context.engine) as connection:
         boxes = measured.amodal_boxes(connection, {source.frame.products.truth for source in sources.values()})
-    files = _files(context.store, run_key(first.run_id, name))
-    present = len(files)
-    for key, source in sorted(sources.items()):
+    for key, source in sources.items():
         seen = {n: box for (truth, n), box in boxes.items() if truth == source.frame.products.truth and box is not None}
         for kind, sensor, function in _shown(source):
             for instance, box in {_WHOLE: None, **seen}.items():
@@ -77,8 +86,6 @@ def keep_thumbnails(
                         shape = Shape.of(kind, _WIDTH, crop=instance != _WHOLE)
                         size = source.resolved.spec.resolution
                         files[file] = _webp(paint_thumbnail(painter, picture, shape, box, size))
-    if len(files) > present:
-        keep(name, _archive(files))
 
 
 class KeptThumbnails:
@@ -130,8 +137,8 @@ def _shown(source: FrameSources) -> Iterator[tuple[PictureKind, str, str | None]
 
 
 def _object_name(frame: FrameKey, resolved: ResolvedRun) -> str:
-    together = variants_together(resolved)
-    return f"thumbnails-{frame.variant // together * together}.zip"
+    variants, moments = variants_together(resolved), max(1, _FRAMES // len(resolved.cameras))
+    return f"thumbnails-{frame.variant // variants * variants}-{frame.time // moments * moments}.zip"
 
 
 def _file_name(frame: FrameKey, kind: PictureKind, sensor: str, function: str | None, instance: int) -> str:

@@ -229,13 +229,26 @@ def test_thumbnails_remain_of_pictures_that_are_removed(world: DrawnWorld, tmp_p
     assert objects(world) == set()
     assert all(alike(thumbnails(world, run), painted))
     packed = artifacts(world, run)
-    assert list(packed) == ["thumbnails-0.zip"]
+    assert list(packed) == ["thumbnails-0-0.zip"]
     assert len(files(packed.values())) == 4 * len(GRIDS), "of four frames, with one person, function and sensor"
     other = DrawnWorld(settings_of(tmp_path / "other"))
     copy_run(world.context, other.context, run)
     assert all(alike(thumbnails(other, run), painted))
     lifecycle.delete(world.context, run)
     assert list(world.context.store.list(f"runs/{run}")) == []
+
+
+def test_thumbnails_of_a_long_sequence_are_in_objects_of_fifty_frames(world: DrawnWorld) -> None:
+    held = document(retention="numbers", sequence={"frames": 60, "step": "100 ms"}) | {
+        "constants": {"sun-1.elevation": 40}
+    }
+    run = world.work(held | {"vary": [["person-1.pos.y", "HOMOGENEOUS", 10.0, 10.0, 1.0]]})
+    assert sorted(artifacts(world, run)) == ["thumbnails-0-0.zip", "thumbnails-0-50.zip"]
+    counted = [len({name.split("/")[0] for name in files([data])}) for data in artifacts(world, run).values()]
+    assert sorted(counted) == [10, 50]
+    last = Tile(FrameKey(run, 0, 0, 59), PERSON, FUNCTIONS[0], "default")
+    shown = Tiles(world.context).sheet([last], kind="picture", crop=False, width=160)
+    assert np.asarray(Image.open(io.BytesIO(shown))).std() > 5.0, "not grey"
 
 
 def test_thumbnails_are_of_the_frames_that_are_removed_and_of_no_others(world: DrawnWorld) -> None:
