@@ -1,4 +1,4 @@
-"""Roles, projects and secrets of the API's tokens."""
+"""Roles, scopes, projects and secrets of the API's tokens."""
 
 from __future__ import annotations
 
@@ -28,6 +28,25 @@ class Role(StrEnum):
         return order.index(self) >= order.index(other)
 
 
+class Area(StrEnum):
+    """A part of the API, by the tag of its endpoints; a token with scopes reaches these areas and no others."""
+
+    ACCESS = "access"
+    AUDIT = "audit"
+    CATALOG = "catalog"
+    DRAFTS = "drafts"
+    EXPLORE = "explore"
+    FRAMES = "frames"
+    FUNCTIONS = "functions"
+    MARKS = "marks"
+    METRICS = "metrics"
+    PREDICTIONS = "predictions"
+    RESULTS = "results"
+    RUNS = "runs"
+    STUDIES = "studies"
+    TOKENS = "tokens"
+
+
 @dataclass(frozen=True, slots=True)
 class Caller:
     """Someone who sends a request.
@@ -37,12 +56,14 @@ class Caller:
         owner: person or service that holds the token; empty for the operator.
         role: its rights.
         project: the only one that exists for the caller; empty: all do.
+        scopes: names of the areas that it reaches; empty: all.
     """
 
     name: str
     owner: str
     role: Role
     project: str = ""
+    scopes: tuple[str, ...] = ()
 
 
 #: The caller with the token of the settings. No token can have this name, since names have no capitals.

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import structlog
 from fastapi import Depends, FastAPI, Request
-from fastapi.responses import RedirectResponse
+from fastapi.responses import JSONResponse, RedirectResponse
 
 from services.api import openapi, problems
 from services.api.dashboard_pages import DashboardFiles
@@ -20,6 +20,8 @@ from services.api.projects import require_own
 from services.api.protection import Protection
 from services.api.roles import require_role
 from services.api.routers import (
+    access,
+    audit,
     catalog,
     drafts,
     explore,
@@ -27,12 +29,14 @@ from services.api.routers import (
     functions,
     health,
     marks,
+    predictions,
     results,
     runs,
     sign_in,
     studies,
     tokens,
 )
+from services.api.scopes import require_scope
 from valerie import plugins
 from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
@@ -98,12 +102,29 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         summary="Validation of perception DNNs by systematic variation of synthetic scenes",
         description=_DESCRIPTION,
         lifespan=lifespan,
+        dependencies=[Depends(require_scope)],
+        # A route of its own, below, is checked as all are.
+        openapi_url=None,
         # FastAPI's own pages load their scripts from another host.
         docs_url=None,
         redoc_url=None,
     )
     problems.install(app)
-    modules = (runs, drafts, marks, studies, frames, results, explore, functions, catalog, tokens)
+    modules = (
+        runs,
+        drafts,
+        marks,
+        studies,
+        frames,
+        results,
+        explore,
+        functions,
+        predictions,
+        catalog,
+        access,
+        tokens,
+        audit,
+    )
     routers = [module.router for module in modules]
     openapi.install(app, [*routers, sign_in.router, health.router])
     app.add_middleware(Protection, settings=settings)
@@ -115,6 +136,10 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
     app.include_router(health.router)
     app.include_router(sign_in.router)
     app.mount("/dashboard", DashboardFiles(), name="dashboard")
+
+    @app.get("/openapi.json", include_in_schema=False)
+    def document() -> JSONResponse:
+        return JSONResponse(app.openapi())
 
     @app.get("/", include_in_schema=False)
     def home() -> RedirectResponse:

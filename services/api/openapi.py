@@ -22,7 +22,7 @@ _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
         "a valid bearer token is needed (Authorization header)",
     ),
     403: (
-        "The token's role is too low; or, without a token, the request comes from a page of another site or names another host",
+        "The token's role is too low, or it lacks the scope; without a token: another site's page asks, or for another host",
         "Forbidden",
         "this needs the role runner; the token's role: viewer",
     ),
@@ -170,14 +170,14 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
         "token": {
             "type": "http",
             "scheme": "bearer",
-            "description": "The value of VALERIE_API_TOKEN, or a token of /v1/tokens. A server that listens only on its own "
-            "machine may have none.",
+            "description": "The value of VALERIE_API_TOKEN, or a token of /v1/tokens. A token with scopes needs the one "
+            "that the operation's security names. A server that listens only on its own machine may have none.",
         }
     }
     open_paths = ("/healthz", "/readyz")
     for path, item in document["paths"].items():
         for operation in item.values():
-            operation["security"] = [] if path in open_paths else [{"token": []}, {}]
+            operation["security"] = [] if path in open_paths else [{"token": operation["tags"]}, {}]
     _add_examples(document["paths"], routers)
     _complete_links(document["paths"])
     return document

@@ -150,6 +150,42 @@ def test_a_viewer_is_offered_only_what_its_role_may_do(browser: Browser, url: st
     assert refused == []
 
 
+def test_a_token_with_scopes_shows_them(browser: Browser, url: str) -> None:
+    answer = httpx.post(
+        f"{url}/v1/tokens",
+        json={"name": "lister", "owner": "Ada", "scopes": ["access", "marks", "runs"]},
+        headers={"Authorization": f"Bearer {TOKEN}"},
+    )
+    page = browser.new_page()
+    page.goto(f"{url}/dashboard/")
+    page.fill("#token", answer.json()["secret"])
+    page.keyboard.press("Enter")
+    page.wait_for_selector("button:text-is('Forget token (viewer, only access, marks, runs)')")
+    page.wait_for_selector(".runs tr >> text=finished")
+    page.close()
+
+
+def test_a_frame_whose_pictures_are_removed_shows_its_thumbnails(browser: Browser, tmp_path: Path) -> None:
+    world = DrawnWorld(settings_of(tmp_path, log_level="error"))
+    places = ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 10.0]
+    run = world.work(spec("numbers", retention="numbers", vary=[places], cameras=["camera-1"]))
+    with served(create_app(world.settings, control=False)) as client:
+        page = browser.new_page()
+        complaints: list[str] = []
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.goto(f"{str(client.base_url).rstrip('/')}/dashboard/#/frames/{run}.0.0.0")
+        page.wait_for_selector("text=The picture was removed (retention: numbers); the thumbnail remains.")
+        page.wait_for_function("document.querySelectorAll('.thumbnail.waiting').length === 0")
+        shown = page.locator(".thumbnail").evaluate_all("all => all.map((one) => one.style.backgroundImage)")
+        assert [one.startswith('url("blob:') for one in shown] == [True] * 4, "picture and errors of two functions"
+        assert page.locator(".viewer").count() == 0
+        page.wait_for_selector("h1")
+        page.close()
+    assert complaints == []
+    structlog.reset_defaults()
+
+
 def test_a_lost_connection_is_told_and_taken_back(browser: Browser, url: str) -> None:
     page = browser.new_page()  # of its own, since the browser logs every request that fails
     page.goto(f"{url}/dashboard/")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.unit.pipeline.work.test_retention import document, objects, states
+from tests.unit.pipeline.work.test_retention import alike, artifacts, document, objects, states, thumbnails
 from tests.world.drawn import DrawnWorld
 from tests.world.world import settings_of
 from valerie.pipeline.control import lifecycle
@@ -21,15 +21,17 @@ def test_pictures_are_removed_once_no_run_keeps_them_and_made_again_for_a_later_
 ) -> None:
     world = DrawnWorld(settings_of(tmp_path, database_url=new_database()))
     keeper = world.work(document())
-    stored = objects(world)
+    stored, painted = objects(world), thumbnails(world, keeper)
     failing = world.work(document(retention="failures", detection_threshold=0.001))
     assert objects(world) == stored
     lifecycle.delete(world.context, keeper)
-    world.work(document(retention="numbers"))
+    numbers = world.work(document(retention="numbers"))
     assert (sorted(states(world, failing)), len(objects(world))) == (["done", *["parked"] * 3], 4)
     lifecycle.delete(world.context, failing)
     assert collect(world.context).products == 4
     assert objects(world) == set()
+    assert all(alike(thumbnails(world, numbers), painted))
+    assert len(artifacts(world, failing)) == 0
     again = world.work(document())
     assert (objects(world), set(states(world, again))) == (stored, {"done"})
     world.context.engine.dispose()

@@ -18,7 +18,7 @@ from valerie.errors import Conflict
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
 NOW = datetime(2026, 11, 21, 12, tzinfo=UTC)
-TOKEN = tokens.TokenRow("nightly", "Ada", Role.RUNNER, NOW, NOW + timedelta(days=1))
+TOKEN = tokens.TokenRow("nightly", "Ada", Role.RUNNER, NOW, NOW + timedelta(days=1), scopes=("metrics", "runs"))
 
 
 @pytest.fixture

@@ -24,6 +24,10 @@ def create(
     project: Annotated[
         str, typer.Option("--project", help="The only project that it sees; a new name begins one. Default: all.")
     ] = "",
+    scope: Annotated[
+        list[str] | None,
+        typer.Option("--scope", metavar="AREA", help="An area of the API that it reaches; repeatable. Default: all."),
+    ] = None,
     days: Annotated[int, typer.Option("--days", help="Days until it expires, at most 3650.")] = 90,
     data_dir: DataDir = None,
 ) -> None:
@@ -38,7 +42,7 @@ def create(
 
     try:
         request = TokenRequest.model_validate(
-            {"name": name, "owner": owner, "role": role, "project": project, "days": days}
+            {"name": name, "owner": owner, "role": role, "project": project, "scopes": scope or (), "days": days}
         )
     except ValidationError as error:
         raise problems_of(error) from None
@@ -65,7 +69,8 @@ def list_tokens(as_json: AsJson = False, data_dir: DataDir = None) -> None:
             )
             used = f"used {moment_text(row.used_at)}" if row.used_at else "never used"
             project = f" in {row.project}" if row.project else ""
-            typer.echo(f"{row.name:<24} {row.role:<7} {end}, {used}: {row.owner}{project}")
+            scopes = f", only {', '.join(row.scopes)}" if row.scopes else ""
+            typer.echo(f"{row.name:<24} {row.role:<7} {end}, {used}: {row.owner}{project}{scopes}")
 
 
 @app.command()

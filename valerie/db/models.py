@@ -44,7 +44,7 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
-REVISION: Final = "quotas"
+REVISION: Final = "scopes"
 #: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -519,6 +519,8 @@ class Token(Base):
     role: Mapped[Role]
     #: See `valerie.access.Caller`.
     project: Mapped[str] = mapped_column(String(64), server_default="")
+    #: Names of areas with spaces between them; see `valerie.access.Caller`.
+    scopes: Mapped[str] = mapped_column(String(400), server_default="")
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime]
     revoked_at: Mapped[datetime | None]

@@ -27,6 +27,7 @@ class TokenRow:
         revoked_at: when it was revoked; None: it was not.
         used_at: last request, to the minute; None: never used.
         project: the only one that exists for it; empty: all do.
+        scopes: names of the areas (`valerie.access.Area`) that it reaches; empty: all.
     """
 
     name: str
@@ -37,6 +38,7 @@ class TokenRow:
     revoked_at: datetime | None = None
     used_at: datetime | None = None
     project: str = ""
+    scopes: tuple[str, ...] = ()
 
 
 def create(connection: Connection, token: TokenRow, digest: str) -> None:
@@ -46,7 +48,8 @@ def create(connection: Connection, token: TokenRow, digest: str) -> None:
         Conflict: a token has or had this name.
     """
     try:
-        connection.execute(insert(Token).values(digest=digest, **asdict(token)))
+        values = {**asdict(token), "scopes": " ".join(token.scopes)}
+        connection.execute(insert(Token).values(digest=digest, **values))
     except IntegrityError as error:
         raise Conflict(f"a token has or had the name {token.name}; choose another") from error
 
@@ -97,4 +100,5 @@ def _token(row: Row[Any]) -> TokenRow:
         revoked_at=row.revoked_at,
         used_at=row.used_at,
         project=row.project,
+        scopes=tuple(row.scopes.split()),
     )

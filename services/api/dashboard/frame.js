@@ -5,7 +5,7 @@ import { fixed, heading, percent, short, shown, value, withUnit, words } from ".
 import { marksOf } from "./marks.js";
 import { player } from "./player.js";
 import { isRemote, reaching } from "./role.js";
-import { errorLegend } from "./thumbnails.js";
+import { errorLegend, sheet } from "./thumbnails.js";
 
 const VIEWS = { all: "All", picture: "Picture", truth: "Truth", prediction: "Prediction", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
@@ -67,9 +67,9 @@ export async function frameView({ main, key, parameters, signal }) {
         h("h1", {}, title),
         h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame"))),
       marks.place("frame", frame.id.slice(frame.run_id.length + 1), "this frame")),
-    frame.removed ? h("p", { class: "note" }, `Pictures of this frame were removed when the run completed (${frame.removed}). Its numbers stay; a run of the same spec with retention: all makes the pictures again.`)
+    frame.removed ? remaining(frame)
       : frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}. Pictures appear when they are made.`),
-    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, boxes, zoom), panes, reading, sequence, legend),
+    frame.removed ? null : h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, boxes, zoom), panes, reading, sequence, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
     variantSection(frame),
   ].filter(Boolean));
@@ -103,6 +103,7 @@ export async function frameView({ main, key, parameters, signal }) {
   };
   say([]);
   const update = () => {
+    if (frame.removed) return;
     if (!offered.includes(SETTINGS.view)) SETTINGS.view = "picture"; // the view of a frame of another run
     const { view } = SETTINGS;
     const parts = new URLSearchParams({ view, opacity: SETTINGS.opacity, ...(SETTINGS.near ? { near: "1" } : {}) });
@@ -129,7 +130,7 @@ export async function frameView({ main, key, parameters, signal }) {
     else if (event.key === "0") show(false);
     else if (event.key === "z") show(!SETTINGS.near);
   }, { signal });
-  prefetch(frame, signal);
+  if (!frame.removed) prefetch(frame, signal);
   marks.load().catch(() => {});
   return title;
 }
@@ -137,6 +138,17 @@ export async function frameView({ main, key, parameters, signal }) {
 function toggle(text, name, changed) {
   const box = h("input", { type: "checkbox", checked: SETTINGS[name], on: { change: () => { SETTINGS[name] = box.checked; changed(); } } });
   return h("label", { class: "inline" }, box, text);
+}
+
+// What remains of a frame whose pictures are gone.
+function remaining(frame) {
+  const shown = frame.evaluations.length ? frame.evaluations : [null], kinds = frame.evaluations.length ? ["picture", "errors"] : ["picture"];
+  const cells = kinds.map((kind) => shown.map((one) => ({ kind, row: { frame_id: frame.id, function: one?.function ?? "", sensor: one?.sensor ?? "" }, image: h("span", { class: "thumbnail waiting", role: "img", "aria-label": `Thumbnail: ${VIEWS[kind]}${one ? ` of ${one.function}` : ""}` }) })));
+  for (const some of cells) sheet(some, some[0].kind, false);
+  return h("section", { class: "stack", "aria-label": "Thumbnails" },
+    h("p", { class: "note" }, `The picture was removed (${frame.removed}); the thumbnail remains. So do the numbers; a run of the same spec with retention: all makes the pictures again.`),
+    h("div", { class: "thumbnails" }, cells.flat().map(({ kind, row, image }) => h("div", {}, image, h("span", { class: "small soft" }, [VIEWS[kind], row.function].filter(Boolean).join(" · "))))),
+    frame.evaluations.length ? errorLegend() : null);
 }
 
 // Load the neighbours' pictures after this frame's own.

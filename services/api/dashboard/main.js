@@ -7,7 +7,7 @@ import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
 import { newView } from "./new.js";
 import { newStudyView } from "./newstudy.js";
-import { learnRole, role } from "./role.js";
+import { learnRole, role, scopes } from "./role.js";
 import { runView } from "./run.js";
 import { runsView } from "./runs.js";
 import { arrived } from "./signin.js";
@@ -56,7 +56,7 @@ async function show() {
   try {
     const key = route[0].exec(path)[1];
     await learnRole();
-    forget.textContent = role() === "admin" ? "Forget token" : `Forget token (${role()})`;
+    forget.textContent = role() === "admin" && !scopes().length ? "Forget token" : `Forget token (${[role(), scopes().length ? `only ${scopes().join(", ")}` : ""].filter(Boolean).join(", ")})`;
     const title = await route[2]()({ main, key, parameters, signal: end.signal });
     if (current !== mine) return;
     document.title = title ? `${title} · VALERIE` : "VALERIE";

@@ -2,16 +2,17 @@
 import { get, token } from "./api.js";
 
 const LOOPBACK = new Set(["localhost", "127.0.0.1", "[::1]"]);
-let known = { token: undefined, role: "", refused: new Set(), folder: "" };
+let known = { token: undefined, role: "", scopes: [], refused: new Set(), folder: "" };
 
 // Ask for the role unless it is known for the present token.
 export async function learnRole() {
   if (known.token === token()) return;
-  const { role, refused, data_dir: folder } = await get("/v1/access");
-  known = { token: token(), role, refused: new Set(refused), folder };
+  const { role, scopes, refused, data_dir: folder } = await get("/v1/access");
+  known = { token: token(), role, scopes, refused: new Set(refused), folder };
 }
 
 export const role = () => known.role;
+export const scopes = () => known.scopes;
 // `endpoint` as the server names it: "POST /v1/runs".
 export const may = (endpoint) => !known.refused.has(endpoint);
 

@@ -1,22 +1,21 @@
-"""Functions under test: register, list, read, remove; and upload predictions."""
+"""Functions under test: register, list, read, remove."""
 
 from __future__ import annotations
 
 import threading
 from typing import Annotated, Final
 
-from fastapi import APIRouter, HTTPException, Path, Query, Request, Response, status
+from fastapi import APIRouter, HTTPException, Path, Request, Response, status
 
-from services.api.dependencies import Body, ContextDependency, FrameDependency, wake_control
+from services.api.dependencies import ContextDependency, wake_control
 from services.api.openapi import binary, gives, problems, request_body
-from services.api.schemas.functions import FunctionDetail, FunctionRead, PredictionRead
+from services.api.schemas.functions import FunctionDetail, FunctionRead
 from services.api.transfer import ConditionsDependency, send
 from services.api.upload import FormDependency
 from valerie.db.engine import reading
 from valerie.errors import NotFound, UnknownName
 from valerie.pipeline.functions import catalog, registry
 from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
-from valerie.pipeline.work.uploaded_predictions import put_prediction
 
 router = APIRouter(prefix="/v1", tags=["functions"])
 
@@ -53,10 +52,6 @@ _FORM: Final = request_body(
             },
         }
     },
-)
-_PNG: Final = request_body(
-    "PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void",
-    {"image/png": {"schema": {"type": "string", "format": "binary"}}},
 )
 
 
@@ -148,33 +143,3 @@ def remove(reference: Reference, context: ContextDependency) -> None:
         registry.remove(context, reference)
     except UnknownName as error:
         raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
-
-
-@router.put(
-    "/frames/{frame_id}/prediction",
-    status_code=status.HTTP_201_CREATED,
-    openapi_extra=_PNG,
-    responses={
-        **problems(404, 409, 413, 422, 507),
-        200: {"model": PredictionRead, "description": "the same label map is stored already"},
-    },
-    summary="Upload the prediction of a frame, for functions of kind predictions",
-)
-def upload(
-    key: FrameDependency,
-    request: Request,
-    response: Response,
-    context: ContextDependency,
-    body: Body,
-    function: Annotated[
-        str | None, Query(max_length=200, description="default: the only one of this kind", examples=["my-predictions"])
-    ] = None,
-    sensor: Annotated[
-        str | None, Query(max_length=200, description="default: the only one", examples=["default"])
-    ] = None,
-) -> PredictionRead:
-    new = put_prediction(context, key, body, function=function, sensor=sensor)
-    wake_control(request)
-    if not new:
-        response.status_code = status.HTTP_200_OK
-    return PredictionRead(frame_id=str(key), new=new)

@@ -10,7 +10,7 @@ from services.api.openapi import example, problems
 from services.api.schemas.catalog import Health
 from valerie.pipeline.control import monitoring
 
-router = APIRouter(tags=["health"])
+router = APIRouter(tags=["metrics"])
 
 
 _UNAVAILABLE = {

@@ -13,7 +13,7 @@ from services.api.schemas.tokens import SignInOffer, SignInRequest, TokenIssued
 from valerie.errors import NotFound
 from valerie.pipeline.control.tokens import issue_to
 
-router = APIRouter(prefix="/v1", tags=["tokens"], dependencies=[Depends(only_declared_queries)])
+router = APIRouter(prefix="/v1", tags=["access"], dependencies=[Depends(only_declared_queries)])
 
 
 @router.get("/sign-in", responses=problems(422), summary="Where a browser signs in")

@@ -19,6 +19,7 @@ class AccessRead(Read):
 
     role: Role = Field(examples=["viewer"])
     project: str = Field(description="the only one that exists for it; empty: all do", examples=["radar"])
+    scopes: list[str] = Field(description="areas that it reaches; empty: all", examples=[["runs", "results"]])
     refused: list[str] = Field(description="endpoints that need another role", examples=[["POST /v1/runs"]])
     data_dir: str = Field(
         description="the server's data folder, for an operator on its machine; empty for others and for the default one",
@@ -45,6 +46,7 @@ class TokenRead(Read):
     owner: str = Field(examples=["Ada Lovelace"])
     role: Role = Field(examples=["runner"])
     project: str = Field(description="the only one that exists for it; empty: all do", examples=["radar"])
+    scopes: list[str] = Field(description="areas that it reaches; empty: all", examples=[["metrics"]])
     created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
     expires_at: Moment = Field(examples=["2027-02-19T02:43:08Z"])
     revoked_at: Moment | None

@@ -10,7 +10,7 @@ import structlog
 from pydantic import Field, model_validator
 from sqlalchemy import Connection
 
-from valerie.access import PROJECT, Caller, Role, digest_of, new_secret
+from valerie.access import PROJECT, Area, Caller, Role, digest_of, new_secret
 from valerie.db import tokens
 from valerie.db.engine import database_time, reading, writing
 from valerie.document import Document
@@ -32,6 +32,7 @@ class TokenRequest(Document):
         owner: person or service that holds it.
         role: its rights.
         project: the only one that exists for it; empty: all do, as for each admin.
+        scopes: areas of the API that it reaches; none: all.
         days: until it expires.
     """
 
@@ -39,6 +40,7 @@ class TokenRequest(Document):
     owner: Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,200}$", examples=["Ada Lovelace"])]
     role: Annotated[Role, Field(examples=["runner"])] = Role.VIEWER
     project: Annotated[str, Field(pattern=f"{PROJECT}|^$", examples=["radar"])] = ""
+    scopes: Annotated[frozenset[Area], Field(examples=[["metrics"]])] = frozenset()
     days: Annotated[int, Field(ge=1, le=3650, examples=[90])] = 90
 
     @model_validator(mode="after")
@@ -56,21 +58,36 @@ def issue(context: Context, request: TokenRequest) -> tuple[tokens.TokenRow, str
     Raises:
         Conflict: a token has or had this name.
     """
-    return _issue(context, request.name, request.owner, request.role, request.project, timedelta(days=request.days))
+    return _issue(
+        context,
+        request.name,
+        request.owner,
+        request.role,
+        timedelta(days=request.days),
+        project=request.project,
+        scopes=tuple(sorted(request.scopes)),
+    )
 
 
 def issue_to(context: Context, owner: str, role: Role, project: str, *, hours: float) -> tuple[tokens.TokenRow, str]:
     """Store a token under a new name for someone who signed in; return it and its secret, which is stored nowhere."""
-    return _issue(context, f"sign-in-{token_hex(8)}", owner, role, project, timedelta(hours=hours))
+    return _issue(context, f"sign-in-{token_hex(8)}", owner, role, timedelta(hours=hours), project=project)
 
 
 def _issue(
-    context: Context, name: str, owner: str, role: Role, project: str, time: timedelta
+    context: Context,
+    name: str,
+    owner: str,
+    role: Role,
+    time: timedelta,
+    *,
+    project: str,
+    scopes: tuple[str, ...] = (),
 ) -> tuple[tokens.TokenRow, str]:
     secret = new_secret()
     with writing(context.engine) as connection:
         now = _now(connection)
-        token = tokens.TokenRow(name, owner, role, now, now + time, project=project)
+        token = tokens.TokenRow(name, owner, role, now, now + time, project=project, scopes=scopes)
         tokens.create(connection, token, digest_of(secret))
     return token, secret
 
@@ -102,7 +119,7 @@ def caller_of(context: Context, secret: str) -> Caller | None:
                 tokens.touch(connection, token.name, now)
         except TransientError as error:  # a full disk must not lock everybody out
             log.warning("token.use_not_recorded", token=token.name, reason=str(error))
-    return Caller(token.name, token.owner, token.role, token.project)
+    return Caller(token.name, token.owner, token.role, token.project, token.scopes)
 
 
 def _now(connection: Connection) -> datetime:

@@ -96,8 +96,8 @@ class FrameSources:
         missing = [state for state in needed if state != ProductState.DONE]
         if missing and self.frame.removed is not None:
             raise Conflict(
-                f"the picture was removed when its run completed ({self.frame.removed}); a run of the same spec with "
-                "retention: all makes it again"
+                f"the picture was removed when its run completed ({self.frame.removed}); the thumbnail remains "
+                "(GET /v1/explore/sheet), and a run of the same spec with retention: all makes the picture again"
             )
         if missing:
             raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")

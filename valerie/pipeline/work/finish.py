@@ -126,7 +126,7 @@ def _finish(context: Context, run: RunRow, write: Writer) -> bool:
 
     try:
         write(context, run, failures, keep)
-        remove_pictures(context, run, require_held)
+        remove_pictures(context, run, keep, require_held)
         state, reason = RunState.COMPLETED, None
         if failures:
             roots = [failure for failure in failures if isinstance(failure.error, Fault)]

@@ -79,6 +79,10 @@ class CostTable:
         """Return the cost of the truth of the statics, which the truths of one camera share."""
         return _shipped().statics.at(width * height / 1e6)
 
+    def thumbnail(self, width: int, height: int) -> Cost:
+        """Return the cost of a thumbnail that remains of a picture of this size."""
+        return _shipped().thumbnail.at(width * height / 1e6)
+
     @property
     def start_seconds(self) -> float:
         """CPU seconds of a run on one machine for starting, loading the asset and writing results."""
@@ -116,6 +120,7 @@ class _Shipped(Document):
     measured_by: str
     start: _Start
     statics: _Line
+    thumbnail: _Line
     costs: dict[ProductKind, dict[str, _Line]]
 
 

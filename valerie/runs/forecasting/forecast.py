@@ -115,8 +115,8 @@ class Plan(Document):
         products: products by kind and maker.
         start_cpu_seconds: for starting the system on one machine, loading the asset and writing the results; 0 if workers
             already run.
-        cpu_seconds: total on one core, for the start and all remaining products.
-        bytes: size of the remaining products in the artifact store.
+        cpu_seconds: total on one core, for the start, all remaining products and thumbnails.
+        bytes: size of the remaining products in the artifact store, and of thumbnails of pictures that are to be removed.
         cost_basis: sources of the costs, in words.
         first, last: variants from the beginning and the end.
         units: name of each parameter in these to its unit.
@@ -206,13 +206,14 @@ def plan(
         warnings.append(
             f"{of} variants: rejections, frames and products are estimated from a sample of {sampled:,}{at}"
         )
-    stored = sum(product.bytes for product in products)
+    made = sum(product.bytes for product in products)
+    thumbnails = forecast.thumbnails(frames)
     notes = resolved.notes
     if resolved.spec.retention is not Retention.ALL:
-        left = "numbers and report"
+        left = f"numbers, report and up to {thumbnails.bytes / 1e6:,.1f} MB of thumbnails"
         if resolved.spec.retention is Retention.FAILURES:
-            left = f"about {stored / SAMPLED / 1e6:,.0f} MB and the frames with failures"
-        notes += (f"retention: of {stored / 1e6:,.0f} MB, {left} stay when the run completes",)
+            left = f"about {made / SAMPLED / 1e6:,.0f} MB, the frames with failures and thumbnails of the others"
+        notes += (f"retention: of {(made + thumbnails.bytes) / 1e6:,.0f} MB, {left} stay when the run completes",)
     if size and not accepted:
         warnings.append("every variant is rejected: the run would make no frame")
     return Plan(
@@ -230,8 +231,8 @@ def plan(
         inferences=sum(product.to_make for product in products if product.kind is ProductKind.PREDICTION),
         products=products,
         start_cpu_seconds=start,
-        cpu_seconds=round(start + sum(product.cpu_seconds for product in products), 3),
-        bytes=stored,
+        cpu_seconds=round(start + sum(product.cpu_seconds for product in products) + thumbnails.cpu_seconds, 3),
+        bytes=made + round(thumbnails.bytes),
         cost_basis=_basis_text(products, forecast.costs),
         first=first,
         last=last,
@@ -378,6 +379,20 @@ class _Forecast:
             for function, digests in self.survey.empty.items()
         )
         return (*(self._with_statics(plan) if plan.kind is ProductKind.TRUTH else plan for plan in plans), *empty)
+
+    def thumbnails(self, frames: int) -> Cost:
+        """Return the cost of the thumbnails that remain of so many frames (`valerie.pipeline.reading.kept_thumbnails`).
+
+        Each person of the asset counts as seen in every frame, and each frame as removed unless it is in the sample.
+        """
+        spec = self.resolved.spec
+        if spec.retention is Retention.ALL:
+            return Cost(0.0, 0.0)
+        removed = frames if spec.retention is Retention.NUMBERS else frames * (1 - 1 / SAMPLED)
+        pictures = len(spec.sensors) * (1 + len(spec.functions))
+        count = removed * pictures * (1 + len(self.resolved.manifest.persons))
+        cost = self.costs.thumbnail(spec.resolution.width, spec.resolution.height)
+        return Cost(count * cost.cpu_seconds, count * cost.bytes)
 
     def _product(self, kind: ProductKind, maker: str, digests: bytearray) -> ProductPlan:
         distinct, counts = np.unique(np.frombuffer(digests, f"S{DIGEST_LENGTH // 2}"), return_counts=True)

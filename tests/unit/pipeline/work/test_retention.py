@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import io
+import zipfile
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+from PIL import Image
 from typer.testing import CliRunner
 
 from services.api.app import create_app
@@ -16,12 +21,16 @@ from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.cli.main import app
+from valerie.errors import TransientError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import gc, lifecycle
+from valerie.pipeline.control.copy_run import copy_run
 from valerie.pipeline.control.gc import collect
 from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.evidence.exporting import export_evidence
+from valerie.pipeline.exploring.thumbnails import Tile, Tiles
 from valerie.pipeline.reading.frame_details import list_frames
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.resolving.spec import parse
 
 PLACES = ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 10.0]
@@ -163,7 +172,7 @@ def test_the_plan_says_what_stays_and_the_digest_of_the_results_is_the_same(worl
     plans = [plan_run(world.context, parse(document(retention=kept))) for kept in ("all", "failures", "numbers")]
     assert len({plan.spec_digest for plan in plans}) == 1
     assert [[note.startswith("retention: of ") for note in plan.notes[-1:]] for plan in plans[1:]] == [[True], [True]]
-    assert "numbers and report stay" in plans[2].notes[-1]
+    assert "numbers, report and up to" in plans[2].notes[-1]
 
 
 def test_an_export_of_frames_counts_those_that_were_removed(world: DrawnWorld, tmp_path: Path) -> None:
@@ -179,3 +188,136 @@ def test_a_run_that_keeps_failures_keeps_what_its_evidence_shows(world: DrawnWor
     evidence = export_evidence(world.context, run, tmp_path / "evidence")
     kept = states(world, run)
     assert 0 < evidence.frames <= kept.count("done") < len(kept)
+
+
+#: What the dashboard's grid asks for: kind of picture, and whether cropped.
+GRIDS = [(kind, crop) for kind in ("picture", "errors") for crop in (False, True)]
+PERSON = 24_001
+
+
+def thumbnails(world: DrawnWorld, run: str) -> list[NDArray[np.int64]]:
+    """The grids of a run's four frames, read by a process that has not painted them before."""
+    tiles = [Tile(FrameKey(run, variant, 0), PERSON, FUNCTIONS[0], "default") for variant in range(4)]
+    sheets = (Tiles(world.context).sheet(tiles, kind=kind, crop=crop, width=160) for kind, crop in GRIDS)
+    return [np.asarray(Image.open(io.BytesIO(sheet)), np.int64) for sheet in sheets]
+
+
+def artifacts(world: DrawnWorld, run: str) -> dict[str, bytes]:
+    """The objects of a run that hold thumbnails, by name."""
+    listed = world.context.store.list(f"runs/{run}")
+    return {info.key.split("/")[2]: world.context.store.get(info.key) for info in listed if "thumbnails" in info.key}
+
+
+def files(packed: Iterable[bytes]) -> list[str]:
+    return sorted(name for data in packed for name in zipfile.ZipFile(io.BytesIO(data)).namelist())
+
+
+def alike(some: Sequence[NDArray[np.int64]], others: Sequence[NDArray[np.int64]]) -> list[bool]:
+    """Whether sheets show the same, apart from the loss of one more encoding."""
+    return [float(np.abs(one - other).mean()) < 3.0 for one, other in zip(some, others, strict=True)]
+
+
+def test_thumbnails_remain_of_pictures_that_are_removed(world: DrawnWorld, tmp_path: Path) -> None:
+    everything = world.work(document())
+    painted = thumbnails(world, everything)
+    assert artifacts(world, everything) == {}
+    lifecycle.delete(world.context, everything)
+    collect(world.context)
+    grey = [np.full_like(one, 128) for one in painted]
+    assert not any(alike(painted, grey))
+    run = world.work(document(retention="numbers"))
+    assert objects(world) == set()
+    assert all(alike(thumbnails(world, run), painted))
+    packed = artifacts(world, run)
+    assert list(packed) == ["thumbnails-0-0.zip"]
+    assert len(files(packed.values())) == 4 * len(GRIDS), "of four frames, with one person, function and sensor"
+    other = DrawnWorld(settings_of(tmp_path / "other"))
+    copy_run(world.context, other.context, run)
+    assert all(alike(thumbnails(other, run), painted))
+    lifecycle.delete(world.context, run)
+    assert list(world.context.store.list(f"runs/{run}")) == []
+
+
+def test_thumbnails_of_a_long_sequence_are_in_objects_of_fifty_frames(world: DrawnWorld) -> None:
+    held = document(retention="numbers", sequence={"frames": 60, "step": "100 ms"}) | {
+        "constants": {"sun-1.elevation": 40}
+    }
+    run = world.work(held | {"vary": [["person-1.pos.y", "HOMOGENEOUS", 10.0, 10.0, 1.0]]})
+    assert sorted(artifacts(world, run)) == ["thumbnails-0-0.zip", "thumbnails-0-50.zip"]
+    counted = [len({name.split("/")[0] for name in files([data])}) for data in artifacts(world, run).values()]
+    assert sorted(counted) == [10, 50]
+    last = Tile(FrameKey(run, 0, 0, 59), PERSON, FUNCTIONS[0], "default")
+    shown = Tiles(world.context).sheet([last], kind="picture", crop=False, width=160)
+    assert np.asarray(Image.open(io.BytesIO(shown))).std() > 5.0, "not grey"
+
+
+def test_thumbnails_are_of_the_frames_that_are_removed_and_of_no_others(world: DrawnWorld) -> None:
+    run = world.work(document(retention="failures", detection_threshold=0.001))
+    removed = {f"{k}.0.0" for k, state in enumerate(states(world, run)) if state != "done"}
+    assert 0 < len(removed) < 4
+    assert {name.split("/")[0] for name in files(artifacts(world, run).values())} == removed
+
+
+def test_thumbnails_are_shown_once_the_last_run_that_keeps_the_pictures_is_deleted(world: DrawnWorld) -> None:
+    keeper = world.work(document())
+    painted = thumbnails(world, keeper)
+    run = world.work(document(retention="numbers"))
+    assert [float(np.abs(one - other).max()) for one, other in zip(thumbnails(world, run), painted, strict=True)] == [
+        0.0
+    ] * len(GRIDS), "the pictures themselves are shown while they are there"
+    lifecycle.delete(world.context, keeper)
+    collect(world.context)
+    assert objects(world) == set()
+    assert all(alike(thumbnails(world, run), painted))
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_a_process_killed_while_it_removes_pictures_leaves_what_the_next_one_needs(
+    world: DrawnWorld, monkeypatch: pytest.MonkeyPatch, *, gone: bool
+) -> None:
+    everything = world.work(document())
+    painted = thumbnails(world, everything)
+    lifecycle.delete(world.context, everything)
+    collect(world.context)
+    store = world.context.store
+    delete, failed = store.delete, []
+
+    def killed(keys: str | Iterable[str]) -> None:
+        if failed:
+            delete(keys)
+            return
+        failed.append(True)
+        if gone:
+            delete(keys)
+        raise TransientError("killed before the commit")
+
+    monkeypatch.setattr(store, "delete", killed)
+    run = world.work(document(retention="numbers"))
+    assert failed
+    assert (world.state(run), objects(world)) == ("completed", set())
+    assert all(alike(thumbnails(world, run), painted))
+
+
+def test_a_picture_that_a_retry_makes_gets_its_thumbnail(world: DrawnWorld) -> None:
+    broken = [True]
+    run = world.work(
+        document(retention="numbers"),
+        broken=lambda job: job.kind == "layer" and job.frame.key.variant == 2 and broken[0],
+    )
+    before = files(artifacts(world, run).values())
+    assert {name.split("/")[0] for name in before} == {"0.0.0", "1.0.0", "3.0.0"}
+    broken[0] = False
+    lifecycle.retry(world.context, run)
+    assert world.run(run) == "completed"
+    after = files(artifacts(world, run).values())
+    assert {name for name in after if name not in before} == {
+        name.replace("1.0.0", "2.0.0") for name in before if name.startswith("1.")
+    }
+
+
+def test_the_plan_counts_the_bytes_of_thumbnails(world: DrawnWorld) -> None:
+    everything, numbers = (plan_run(world.context, parse(document(retention=kept))) for kept in ("all", "numbers"))
+    more = numbers.bytes - everything.bytes
+    run = world.work(document(retention="numbers"))
+    stored = sum(map(len, artifacts(world, run).values()))
+    assert stored < more < 20 * stored, "of two persons in each frame, since one may be absent"

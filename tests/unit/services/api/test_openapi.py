@@ -140,4 +140,4 @@ def test_links_lead_with_ids_from_answers_to_every_operation_that_takes_one(docu
 def test_the_token_is_part_of_the_document(document: dict[str, Any]) -> None:
     assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
     assert document["paths"]["/healthz"]["get"]["security"] == []
-    assert {"token": []} in document["paths"]["/v1/runs"]["get"]["security"]
+    assert {"token": ["runs"]} in document["paths"]["/v1/runs"]["get"]["security"]

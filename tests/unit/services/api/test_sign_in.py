@@ -65,7 +65,7 @@ def test_a_pipelines_id_token_brings_a_token_with_the_users_name_and_role(
     assert (issued["owner"], issued["role"]) == ("ada", "runner")
     assert authorized(api, issued["secret"])["role"] == "runner"
     listed = api.get("/v1/tokens", headers={"Authorization": f"Bearer {TOKEN}"}).json()
-    assert [token["owner"] for token in listed] == ["ada"]
+    assert [(token["owner"], token["scopes"]) for token in listed] == [("ada", [])]
 
 
 def asked_code(api: httpx.Client, nonce: str) -> str:

@@ -13,13 +13,17 @@ import httpx
 import pytest
 from fastapi.routing import APIRoute
 from starlette.routing import BaseRoute
+from typer.testing import CliRunner
 
 import services.api
 from services.api.app import create_app
 from services.api.roles import ROLES, needed
+from services.api.scopes import area_of
 from tests.world.drawn import DrawnRuns
 from tests.world.serving import served
 from tests.world.world import settings_of
+from valerie.access import Area
+from valerie.cli.main import app
 
 TOKEN = "correct-horse-battery"
 
@@ -32,9 +36,10 @@ class Guarded:
     database: Path
     run: str
 
-    def issue(self, name: str, role: str) -> dict[str, str]:
+    def issue(self, name: str, role: str, *scopes: str) -> dict[str, str]:
         """Issue a token and return the headers that carry it."""
-        answer = self.operator.post("/v1/tokens", json={"name": name, "owner": "Ada", "role": role})
+        wish = {"name": name, "owner": "Ada", "role": role, "scopes": scopes}
+        answer = self.operator.post("/v1/tokens", json=wish)
         assert answer.status_code == 201, answer.text
         return {"Authorization": f"Bearer {answer.json()['secret']}"}
 
@@ -71,7 +76,7 @@ def test_every_route_has_a_role(tmp_path: Path) -> None:
     assert endpoints >= ROLES.keys()
     assert {endpoint for endpoint in endpoints if not endpoint.startswith("GET ")} <= ROLES.keys()
     others = {getattr(route, "path", "") for route in routes if not isinstance(route, APIRoute)}
-    assert others == {"/openapi.json", "/dashboard"}
+    assert others == {"/dashboard"}
 
 
 def test_a_role_may_do_what_its_endpoints_need_and_no_more(guarded: Guarded) -> None:
@@ -85,6 +90,128 @@ def test_a_role_may_do_what_its_endpoints_need_and_no_more(guarded: Guarded) -> 
             answer = guarded.operator.request(method, address, headers=headers, content=b"{}")
             allowed = rank >= ranks[needed(method, path)]
             assert (answer.status_code != 403) is allowed, (role, endpoint, answer.text)
+
+
+#: Endpoints that look at no token, since they need none.
+OPEN = {"GET /healthz", "GET /readyz", "GET /v1/sign-in", "POST /v1/sign-in"}
+
+
+def areas(guarded: Guarded) -> dict[str, str]:
+    """Read the area of each endpoint from the OpenAPI document."""
+    paths = guarded.operator.get("/openapi.json").json()["paths"]
+    operations = ((f"{method.upper()} {path}", one) for path, item in paths.items() for method, one in item.items())
+    return {endpoint: " ".join(one["tags"]) for endpoint, one in operations}
+
+
+def test_every_route_belongs_to_one_area_which_the_openapi_document_states(guarded: Guarded, tmp_path: Path) -> None:
+    routes = [
+        one for one in walked(create_app(settings_of(tmp_path), control=False).routes) if isinstance(one, APIRoute)
+    ]
+    own = {f"{method} {one.path}": area_of(one.tags) for one in routes for method in one.methods}
+    stated = areas(guarded)
+    assert {endpoint: area for endpoint, area in own.items() if area is not None} == stated
+    assert {endpoint for endpoint, area in own.items() if area is None} == {
+        "GET /",
+        "GET /explore",
+        "GET /openapi.json",
+    }
+    assert set(stated.values()) == set(Area), "no scope is without an endpoint"
+    for path, item in guarded.operator.get("/openapi.json").json()["paths"].items():
+        for method, operation in item.items():
+            expected = [] if path in ("/healthz", "/readyz") else [{"token": operation["tags"]}, {}]
+            assert operation["security"] == expected, (method, path)
+
+
+def test_the_documentation_lists_the_areas() -> None:
+    text = Path(services.api.__file__).parents[2].joinpath("docs", "operations.md").read_text("utf-8")
+    listed = text.partition("An area is the tag of its endpoints in\n`/openapi.json`: ")[2].partition(".")[0]
+    assert re.findall("`([a-z]+)`", listed) == list(Area)
+
+
+def test_a_scope_gives_its_area_and_no_other(guarded: Guarded) -> None:
+    """Ask every endpoint with each scope as an admin, for things that do not exist and with bodies that say nothing."""
+    stated = areas(guarded)
+    for scope in Area:
+        headers = guarded.issue(f"only-{scope}", "admin", scope)
+        for endpoint, area in stated.items():
+            method, path = endpoint.split()
+            address = path.replace("{", "").replace("}", "")
+            answer = guarded.operator.request(method, address, headers=headers, content=b"{}")
+            allowed = area == scope or endpoint in OPEN
+            assert (answer.status_code != 403) is allowed, (scope, endpoint, answer.text)
+
+
+def test_an_endpoint_without_an_area_is_refused_to_tokens_with_scopes(guarded: Guarded) -> None:
+    headers, free = guarded.issue("all-areas", "admin", *Area), guarded.issue("no-scopes", "admin")
+    for path in ("/openapi.json", "/explore"):
+        answer = guarded.operator.get(path, headers=headers)
+        assert answer.status_code == 403
+        assert answer.json()["detail"].startswith(
+            "this needs a token without scopes; the token's scopes: access, audit,"
+        )
+        assert guarded.operator.get(path, headers=free).status_code < 400
+    assert [area_of(tags) for tags in ([], ["runs", "metrics"], ["nothing"])] == [None, None, None]
+
+
+def test_a_scraper_reads_metrics_and_a_pipeline_uploads_predictions_and_nothing_else(guarded: Guarded) -> None:
+    scraper, pipeline = guarded.issue("scraper", "viewer", "metrics"), guarded.issue("ci", "runner", "predictions")
+    assert guarded.operator.get("/metrics", headers=scraper).text.startswith("# HELP")
+    upload = guarded.operator.put(f"/v1/frames/{guarded.run}.0.0.0/prediction", headers=pipeline, content=b"")
+    assert upload.status_code in (404, 409, 422), "the token may, and the run asks for no predictions"
+    refused = guarded.operator.get("/v1/runs", headers=scraper)
+    assert (refused.status_code, refused.json()["detail"]) == (
+        403,
+        "this needs the scope runs; the token's scopes: metrics",
+    )
+    refused = guarded.operator.delete(f"/v1/runs/{guarded.run}", headers=pipeline)
+    assert refused.json()["detail"] == "this needs the scope runs; the token's scopes: predictions"
+    last = guarded.operator.get("/v1/audit", params={"limit": 1000}).json()[-1]
+    assert (last["caller"], last["method"], last["status"]) == ("ci", "DELETE", 403)
+
+
+@pytest.mark.parametrize(
+    ("scope", "reason"), [("predictions", "has not started yet"), ("results", "this needs the scope predictions")]
+)
+def test_the_command_that_uploads_needs_no_other_scope(
+    guarded: Guarded, tmp_path: Path, scope: str, reason: str
+) -> None:
+    secret = guarded.issue(f"uploads-{scope}", "runner", scope)["Authorization"].removeprefix("Bearer ")
+    (tmp_path / f"{guarded.run}.99999.0.0.png").write_bytes(b"")
+    put = ["predictions", "put", guarded.run, str(tmp_path), "--url", str(guarded.operator.base_url)]
+    shown = CliRunner().invoke(app, put, env={"VALERIE_API_TOKEN": secret})
+    assert (shown.exit_code, reason in shown.output) == (3, True), shown.output
+
+
+def test_a_scope_adds_nothing_to_a_role(guarded: Guarded) -> None:
+    headers = guarded.issue("reading-runs", "viewer", "runs", "tokens")
+    assert guarded.operator.get("/v1/runs", headers=headers).status_code == 200
+    assert "the role runner" in guarded.operator.post("/v1/runs", headers=headers, content=b"{}").json()["detail"]
+    assert "the role admin" in guarded.operator.get("/v1/tokens", headers=headers).json()["detail"]
+
+
+def test_a_token_with_scopes_issues_none_that_reaches_more(guarded: Guarded) -> None:
+    headers = guarded.issue("issuer", "admin", "tokens", "metrics")
+    wish = {"name": "issued", "owner": "Ada", "role": "viewer"}
+    for scopes in ([], ["runs"], ["metrics", "runs"]):
+        answer = guarded.operator.post("/v1/tokens", json={**wish, "scopes": scopes}, headers=headers)
+        assert (answer.status_code, "limit: metrics, tokens" in answer.text) == (403, True), scopes
+    answer = guarded.operator.post("/v1/tokens", json={**wish, "scopes": ["metrics"]}, headers=headers)
+    assert (answer.status_code, answer.json()["scopes"]) == (201, ["metrics"])
+
+
+def test_scopes_are_known_to_the_caller_and_in_the_list(guarded: Guarded) -> None:
+    headers = guarded.issue("told", "viewer", "runs", "access")
+    assert guarded.operator.get("/v1/access", headers=headers).json()["scopes"] == ["access", "runs"]
+    listed = {token["name"]: token["scopes"] for token in guarded.operator.get("/v1/tokens").json()}
+    assert listed["told"] == ["access", "runs"]
+    place = ["--data-dir", str(guarded.database.parent)]
+    made = ["token", "create", "by-command", "--owner", "Ada", "--scope", "results", "--scope", "metrics", *place]
+    secret = CliRunner().invoke(app, made).stdout.strip()
+    assert guarded.operator.get("/metrics", headers={"Authorization": f"Bearer {secret}"}).status_code == 200
+    shown = CliRunner().invoke(app, ["token", "list", *place]).stdout.splitlines()
+    assert [line.endswith(": Ada, only metrics, results") for line in shown if line.startswith("by-command ")] == [True]
+    wrong = CliRunner().invoke(app, [*made[:2], "wrong", *made[3:6], "nothing", *place])
+    assert wrong.exit_code != 0
 
 
 def test_a_caller_learns_what_its_role_may_not_do(guarded: Guarded) -> None:
