@@ -11,7 +11,8 @@ import structlog
 from sqlalchemy import Connection
 
 from valerie.db import retention
-from valerie.db.engine import writing
+from valerie.db.archives import stored_in_archives
+from valerie.db.engine import reading, writing
 from valerie.db.runs import RunRow
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.run_artifacts import SUMMARY
@@ -39,6 +40,8 @@ def remove_pictures(context: Context, run: RunRow, require_held: Callable[[Conne
     if run.spec.retention is Retention.ALL:
         return
     shown = set() if run.spec.retention is Retention.NUMBERS else _shown(context, run.id)
+    with reading(context.engine) as connection:
+        stored_in_archives(connection, ())  # reads their lists before anything is locked
     removed = 0
     for first in range(0, run.next_index, _VARIANTS):
         last = first + _VARIANTS - 1
