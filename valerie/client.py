@@ -102,6 +102,7 @@ class Run(_Read):
     variant_count: int
     rejected_count: int
     tags: tuple[str, ...] = ()
+    archived: bool = False
     created_at: Moment
     started_at: Moment | None = None
     finished_at: Moment | None = None

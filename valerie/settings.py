@@ -104,6 +104,7 @@ class Settings(BaseSettings):
         False, description="also accept programs of torch (.pt2, .torchscript), which execute their author's code"
     )
     function_cache_mb: int = Field(4_096, ge=1, description="function files that a machine keeps in data_dir")
+    archive_cache_mb: int = Field(4_096, ge=1, description="rows of archived runs that a machine keeps in data_dir")
     predictions_hours: float = Field(
         168.0, gt=0, le=87_600, allow_inf_nan=False, description="time that a run waits for uploaded predictions"
     )

@@ -22,6 +22,8 @@ ROLES: Final = {
     "POST /v1/runs/{run_id}/resume": Role.RUNNER,
     "POST /v1/runs/{run_id}/retry": Role.RUNNER,
     "DELETE /v1/runs/{run_id}": Role.RUNNER,
+    "POST /v1/runs/{run_id}/archive": Role.ADMIN,
+    "POST /v1/runs/{run_id}/unarchive": Role.ADMIN,
     "PUT /v1/runs/{run_id}/marks": Role.RUNNER,
     "POST /v1/studies": Role.RUNNER,
     "POST /v1/studies/{study_id}/accept": Role.RUNNER,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.shell import AsJson, DataDir, Exit
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.local.deployment import context_of, create_or_migrate, folder_context, settings_of
 from valerie.local.terminal import console
 from valerie.plain import JsonObject
@@ -180,6 +180,40 @@ def restore(folder: Annotated[Path, typer.Argument(help="A folder of `backup`.")
 
     contents = restore_backup(settings_of(data_dir), folder)
     typer.echo(f"restored {contents.database} and {contents.objects:,} objects of {contents.software}")
+
+
+def archive(
+    runs: Annotated[list[str] | None, typer.Argument(metavar="RUN…", help="Ids of runs that have ended.")] = None,
+    older_than: Annotated[
+        int | None, typer.Option("--older-than", metavar="DAYS", min=0, help="All runs that ended so many days ago.")
+    ] = None,
+    undo: Annotated[bool, typer.Option("--undo", help="Move the rows of archived runs back.")] = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Move the rows of ended runs from the database into the artifact store, as Parquet.
+
+    Everything that reads a run reads an archived one as before. It is deleted like others; other changes need `--undo`.
+    """
+    from valerie.pipeline.control import archiving
+
+    if bool(runs) == (older_than is not None) or (undo and not runs):
+        limit = "RUN… or --older-than DAYS; RUN… --undo"
+        raise InvalidInput("name the runs, or say how old they are", field="RUN, --older-than", limit=limit)
+    with context_of(data_dir) as context:
+        for run in runs or archiving.ended_runs(context, days=older_than or 0):
+            if undo:
+                archiving.restore_rows(context, run)
+                typer.echo(f"run {run} is not archived")
+                continue
+            try:
+                tables = archiving.archive_run(context, run).tables.values()
+            except Conflict as error:
+                if runs:
+                    raise
+                typer.echo(f"left: {error}")
+                continue
+            size = sum(table.bytes for table in tables) / 1e6
+            typer.echo(f"archived run {run}: {sum(table.rows for table in tables):,} rows, {size:,.1f} MB")
 
 
 def audit(as_json: AsJson = False, data_dir: DataDir = None) -> None:

@@ -84,7 +84,7 @@ def rows(
 
     import numpy as np
 
-    from valerie.db.engine import reading
+    from valerie.db.archives import reading_run
     from valerie.pipeline.base.resolved_runs import read_run
     from valerie.pipeline.reading.selection import evaluated_persons, run_where
     from valerie.pipeline.reading.tables import read_table
@@ -96,7 +96,7 @@ def rows(
         table = read_table(context.engine, run)
         if where:
             expression = run_where(where, run.resolved, field="--where")
-            with reading(context.engine) as connection:
+            with reading_run(context.engine, run_id) as connection:
                 selected = [expression.holds(person.row) for person in evaluated_persons(connection, run)]
             # A running run may have more rows by now.
             table = table.select(np.array(selected[: len(table)], np.bool_))

@@ -627,7 +627,8 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     for run in runs:
         created = moment_text(run.created_at)
         tags = [", ".join(run.tags)] if tagged else []
-        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, *tags)
+        state = f"{run.state}, archived" if run.archived else run.state
+        table.add_row(run.id, run.name, state, f"{run.variant_count:,}", created, *tags)
     out = console()
     out.print(table)
     for run in runs:

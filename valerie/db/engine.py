@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from sqlalchemy import Connection, Engine, create_engine, event, func, select
+from sqlalchemy import Connection, Engine, NullPool, create_engine, event, func, select
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, OperationalError
 
@@ -59,6 +60,19 @@ def open_database(url: str, *, clock: Callable[[], float] = time.time) -> Engine
     if backend == "postgresql":
         return create_engine(address.set(drivername="postgresql+psycopg"), pool_pre_ping=True, pool_size=4, **_OPTIONS)
     raise InvalidInput("unknown kind of database", field="database_url", value=backend, limit="sqlite or postgresql")
+
+
+def open_rows(connect: Callable[[], sqlite3.Connection]) -> Engine:
+    """Return an engine for an SQLite file of rows that is never written after it was made, so that it needs no locks.
+
+    Args:
+        connect: opens the file; called for every transaction, since the file may be deleted between two.
+    """
+    engine = create_engine(
+        "sqlite://", creator=connect, poolclass=NullPool, execution_options={_CLOCK: time.time}, **_OPTIONS
+    )
+    event.listen(engine, "begin", _begin_immediate)
+    return engine
 
 
 def _prepare_sqlite(connection: Any, _record: object) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from sqlalchemy import ColumnElement, Connection, and_, bindparam, exists, or_, select, tuple_
 
+from valerie.db.archives import stored_in_archives
 from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Run, Variant
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frame_keys import FrameKey, FrameProducts
@@ -32,12 +33,12 @@ VARIANT_OF_FRAME = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.v
 
 
 def has_product(connection: Connection, digest: str, *, project: str) -> bool:
-    """Return True if a frame of one of the project's runs links to a product."""
+    """Return True if a frame of one of the project's runs links to a product, or an archived one stores it."""
     linked = (
         exists().where(column == digest, table.run_id == Run.id, Run.project == project)
         for table, column in PRODUCT_LINKS
     )
-    return bool(connection.scalar(select(or_(*linked))))
+    return bool(connection.scalar(select(or_(*linked))) or stored_in_archives(connection, [digest], project=project))
 
 
 def same_frame(table: OfFrames) -> ColumnElement[bool]:

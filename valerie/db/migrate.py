@@ -49,15 +49,17 @@ def migrate(engine: Engine) -> None:
     if state == (REVISION, True):
         return
     _refuse_unknown(state.revision)
-    from alembic import command
+    _upgrade(engine, "head")
 
-    config = _config()
-    with translated(), engine.begin() as connection:
-        if connection.dialect.name == "postgresql":
-            connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _ADVISORY_LOCK})
-        config.attributes["connection"] = connection
-        command.upgrade(config, "head")
-        _add_measures(connection)
+
+def create(engine: Engine, revision: str) -> None:
+    """Make the empty tables of a revision, with the columns of all measures of this version.
+
+    Raises:
+        Conflict: the revision is of a newer version of VALERIE, or from before its first release.
+    """
+    _refuse_unknown(revision)
+    _upgrade(engine, revision)
 
 
 def require_current(engine: Engine) -> None:
@@ -74,6 +76,18 @@ def require_current(engine: Engine) -> None:
         )
     if not state.complete:
         raise Conflict("the database lacks columns of measures of this version: run `valerie migrate`")
+
+
+def _upgrade(engine: Engine, revision: str) -> None:
+    from alembic import command
+
+    config = _config()
+    with translated(), engine.begin() as connection:
+        if connection.dialect.name == "postgresql":
+            connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _ADVISORY_LOCK})
+        config.attributes["connection"] = connection
+        command.upgrade(config, revision)
+        _add_measures(connection)
 
 
 def _refuse_unknown(current: str | None) -> None:

@@ -36,6 +36,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.forecasting.costs import Cost
 from valerie.runs.marks import MarkKind
+from valerie.runs.products.archive import Archive
 from valerie.runs.products.pins import AnyOffer, Pins
 from valerie.runs.products.progress import BlockCounts, Progress
 from valerie.runs.products.ready import ProductError
@@ -44,7 +45,7 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
-REVISION: Final = "scopes"
+REVISION: Final = "archives"
 #: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -134,6 +135,8 @@ class Run(Base):
     tenant: Mapped[str] = mapped_column(String(64), server_default="")
     #: Of its products that were not stored when it was submitted; None where no quota asked for it.
     forecast: Mapped[Cost | None] = mapped_column(JsonDocument(Cost))
+    #: Where its rows in other tables are, besides its marks; None: in the database.
+    archive: Mapped[Archive | None] = mapped_column(JsonDocument(Archive))
     created_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]

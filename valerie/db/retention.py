@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from sqlalchemy import ColumnElement, Connection, bindparam, literal, or_, select, union, update
 
+from valerie.db.archives import stored_in_archives
 from valerie.db.links import PICTURE_LINKS, OfFrames, frame_order, key_of, same_frame
 from valerie.db.long_table import COLUMNS
 from valerie.db.models import Evaluation, Frame, PersonScore, Product
@@ -74,7 +75,7 @@ def park_still_unkept(connection: Connection, digests: Collection[str]) -> list[
 
 
 def unkept(connection: Connection, *conditions: ColumnElement[bool]) -> list[Unlinked]:
-    """Return stored products, which meet the conditions, that no frame links to which its run keeps."""
+    """Return stored products, which meet the conditions, that no frame links to which its run keeps, and no archived run."""
     rows = connection.execute(
         select(Product.digest, Product.kind).where(
             Product.state == ProductState.DONE,
@@ -84,7 +85,9 @@ def unkept(connection: Connection, *conditions: ColumnElement[bool]) -> list[Unl
             *(~_kept_by(table, column) for table, column in PICTURE_LINKS),
         )
     )
-    return [Unlinked(*row) for row in rows]
+    products = [Unlinked(*row) for row in rows]
+    archived = stored_in_archives(connection, [product.digest for product in products])
+    return [product for product in products if product.digest not in archived]
 
 
 def _park(connection: Connection, condition: ColumnElement[bool]) -> list[Unlinked]:

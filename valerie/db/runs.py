@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Set
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Final, NamedTuple, TypedDict, Unpack
+from typing import Any, Final, NamedTuple, TypedDict, Unpack
 
 from sqlalchemy import (
     ColumnElement,
@@ -42,6 +42,7 @@ from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.statements import Seen, newest_first, within
 from valerie.errors import Conflict, NotFound
 from valerie.runs.forecasting.costs import Cost
+from valerie.runs.products.archive import Archive
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.progress import Progress
 from valerie.runs.products.states import UPLOADED_ROUTE, Priority, ProductKind, ProductState, RunState
@@ -82,6 +83,7 @@ class RunRow(SubmittedRun):
     turn: float
     rejected_count: int
     progress: Progress | None
+    archive: Archive | None
     started_at: datetime | None
     finished_at: datetime | None
 
@@ -95,6 +97,7 @@ class RunValues(TypedDict, total=False):
     rejected_count: int
     turn: float
     progress: Progress
+    archive: Archive | None
     started_at: datetime
     finished_at: datetime | None
 
@@ -215,6 +218,34 @@ def get(connection: Connection, run_id: str) -> RunRow:
     if row is None:
         raise NotFound("run", run_id)
     return row
+
+
+def archive_of(connection: Connection, run_id: str) -> Archive | None:
+    """Return where the rows of a run are; None: in the database.
+
+    Raises:
+        NotFound: no such run.
+    """
+    row = connection.execute(select(Run.archive).where(Run.id == run_id)).first()
+    if row is None:
+        raise NotFound("run", run_id)
+    archive: Archive | None = row[0]
+    return archive
+
+
+def to_change(connection: Connection, run_id: str) -> RunRow:
+    """Return a run whose rows or marks may change; it is not archived until the commit.
+
+    Raises:
+        NotFound: no such run.
+        Conflict: it is archived.
+    """
+    run = read_first(connection, _RUN.where(Run.id == run_id).with_for_update(key_share=True), RunRow)
+    if run is None:
+        raise NotFound("run", run_id)
+    if run.archive is not None:
+        raise Conflict(f"run {run_id} is archived; `valerie archive --undo {run_id}` makes it changeable")
+    return run
 
 
 def require(connection: Connection, run_id: str, *, project: str = "") -> None:
@@ -344,7 +375,8 @@ def rest(forecast: Cost | None, progress: Progress | None) -> Cost:
 def made(connection: Connection, *, owner: str | None = None, project: str = "", since: float = 0.0) -> Cost:
     """Return the CPU time that the products of an owner or a project took, and the size of those that are stored.
 
-    A product counts once and in full, also if runs of others share it. CPU time counts after its run is deleted.
+    A product counts once and in full, also if runs of others share it. CPU time counts after its run is deleted. Of an archived
+    run, what no other run shared counts.
 
     Args:
         connection: to read with.
@@ -353,28 +385,40 @@ def made(connection: Connection, *, owner: str | None = None, project: str = "",
         since: Unix seconds; CPU time of what was made before does not count.
     """
     links = union(*_links_of_runs(_held(Run, owner, project))).subquery()
-    sums = (
-        func.sum(case((Product.finished_at >= since, Product.cpu_seconds))),
-        func.sum(case((Product.state == ProductState.DONE, Product.bytes))),
-    )
-    seconds, size = connection.execute(select(*sums).join(links, links.c[0] == Product.digest)).one()
+    seconds, size = connection.execute(select(*_sums(since)).join(links, links.c[0] == Product.digest)).one()
     of_deleted = DeletedRun.finished_at >= since, _held(DeletedRun, owner, project)
     deleted = connection.scalar(select(func.sum(DeletedRun.cpu_seconds)).where(*of_deleted))
-    return Cost(float(seconds or 0.0) + float(deleted or 0.0), float(size or 0.0))
+    costs = [Cost(float(seconds or 0.0) + float(deleted or 0.0), float(size or 0.0))]
+    query = select(Run.archive, Run.finished_at).where(Run.archive.is_not(None), _held(Run, owner, project))
+    for archive, finished_at in connection.execute(query):
+        if archive is not None:
+            recent = finished_at is None or finished_at.timestamp() >= since
+            costs.append(Cost(archive.cpu_seconds if recent else 0.0, archive.stored_bytes))
+    return Cost(sum(cost.cpu_seconds for cost in costs), sum(cost.bytes for cost in costs))
 
 
-def unshared_cpu_seconds(connection: Connection, run: RunRow, *, since: float) -> float:
-    """Return the CPU time, since a moment, of those products of a run that no other one of its owner and project shares."""
+def unshared(connection: Connection, run: RunRow, *, since: float) -> Cost:
+    """Return the CPU time, since a moment, and the size of what no other run of a run's owner and project shares with it."""
     others = Run.owner == run.owner, Run.project == run.project, Run.id != run.id
     own = links_of(run.id)
     shared = union(*_links_of_runs(*others)).subquery()
-    seconds = connection.scalar(
-        select(func.sum(Product.cpu_seconds))
+    if run.archive is not None:
+        return Cost(run.archive.cpu_seconds, run.archive.stored_bytes)
+    sums = connection.execute(
+        select(*_sums(since))
         .join(own, own.c[0] == Product.digest)
         .outerjoin(shared, shared.c[0] == Product.digest)
-        .where(Product.finished_at >= since, shared.c[0].is_(None))
+        .where(shared.c[0].is_(None))
+    ).one()
+    return Cost(*(float(value or 0.0) for value in sums))
+
+
+def _sums(since: float) -> tuple[ColumnElement[Any], ColumnElement[Any]]:
+    """Return the columns for the CPU time, since a moment, and the size of products."""
+    return (
+        func.sum(case((Product.finished_at >= since, Product.cpu_seconds))),
+        func.sum(case((Product.state == ProductState.DONE, Product.bytes))),
     )
-    return float(seconds or 0.0)
 
 
 def remember(connection: Connection, run: RunRow, cpu_seconds: float, *, since: float) -> None:

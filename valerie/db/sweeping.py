@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Final, NamedTuple
 
-from sqlalchemy import Connection, delete, or_, select, text, update
+from sqlalchemy import Connection, bindparam, delete, or_, select, text, update
 
 from valerie.db.models import Product
 from valerie.db.products import READY_COLUMNS, fail, fail_dependents, lock_with_dependents, to_send
@@ -96,12 +96,22 @@ def keep_from_being_linked(connection: Connection) -> None:
         connection.execute(text("LOCK TABLE products IN EXCLUSIVE MODE"))
 
 
-def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
-    """Return products that nothing links to (frame, annotation, evaluation, a product stored over it) and no worker holds."""
+def unlinked(connection: Connection, *, limit: int, digests: Collection[str] | None = None) -> list[Unlinked]:
+    """Return products that nothing links to (frame, annotation, evaluation, a product stored over it) and no worker holds.
+
+    Args:
+        connection: of a transaction that writes.
+        limit: most products.
+        digests: of the products to look at; None: all.
+    """
     keep_from_being_linked(connection)
+    values: dict[str, object] = {"limit": limit}
+    named = ""
+    if digests is not None:
+        named, values["digests"] = " AND p.digest IN :digests", list(digests)
     rows = connection.execute(
         text(
-            "SELECT digest, kind FROM products AS p WHERE p.state <> 'running'"
+            f"SELECT digest, kind FROM products AS p WHERE p.state <> 'running'{named}"  # noqa: S608  our own text
             " AND NOT EXISTS (SELECT 1 FROM frames WHERE background = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM frames WHERE layer = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM frames WHERE truth = p.digest)"
@@ -110,8 +120,8 @@ def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE empty = p.digest)"
             " AND (p.kind <> 'statics' OR NOT EXISTS (SELECT 1 FROM products AS o WHERE o.input_a = p.digest)) LIMIT :limit"
-        ),
-        {"limit": limit},
+        ).bindparams(*([bindparam("digests", expanding=True)] if named else [])),
+        values,
     )
     return [Unlinked(digest, ProductKind(kind)) for digest, kind in rows]
 

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from sqlalchemy import BigInteger, ColumnElement, Connection, cast, func, literal, select
 
+from valerie.db.archives import stored_in_archives
 from valerie.db.models import Product
 from valerie.db.statements import ENDED, UNFINISHED, among
 from valerie.runs.products.ready import Fault
@@ -205,9 +206,11 @@ def done_digests(connection: Connection, digests: Collection[str]) -> set[str]:
 
 
 def wanted_digests(connection: Connection, digests: Collection[str]) -> set[str]:
-    """Return the ``digests`` of products that are done, failed or to be made: those that have a row and are not parked."""
+    """Return the ``digests`` of products that are done, failed or to be made: not parked, or stored for an archived run."""
     condition = among(connection, Product.digest, digests)
-    return set(connection.scalars(select(Product.digest).where(condition, Product.state != ProductState.PARKED)))
+    rows = set(connection.scalars(select(Product.digest).where(condition, Product.state != ProductState.PARKED)))
+    # Second: a run's rows leave the database after it is archived.
+    return rows | stored_in_archives(connection, digests)
 
 
 def recorded_costs(connection: Connection, *, sample: int = 400) -> list[RecordedCost]:

@@ -87,12 +87,14 @@ class Folder:
     def failures(self, run_id: str) -> list[Failure]:
         """Return the products of a run that failed for good, at most 1000."""
         from valerie.db import results, runs
-        from valerie.db.engine import reading
+        from valerie.db.archives import reading_run
 
-        with reading(self._context.engine) as connection:
+        with reading_run(self._context.engine, run_id) as connection:
             runs.require(connection, run_id)
             failed = results.failures(connection, run_id)
-        return [Failure.model_validate({"kind": link.kind, "error": link.error}) for link in failed]
+        return [
+            Failure.model_validate({"kind": link.kind, "error": link.error.model_dump(mode="json")}) for link in failed
+        ]
 
     def summary(self, run_id: str) -> RunSummary:
         """Return summary, findings and verdicts of an ended run."""
@@ -137,8 +139,9 @@ class Folder:
         from valerie.pipeline.reading.product_reader import ProductReader
         from valerie.runs.products.frame_keys import FrameKey
 
-        ((name, product),) = find_annotations(self._context, FrameKey.parse(frame_id), [kind]).items()
-        return npz(annotation_arrays(self._context, ProductReader(self._context.store), name, product))
+        key = FrameKey.parse(frame_id)
+        ((name, product),) = find_annotations(self._context, key, [kind]).items()
+        return npz(annotation_arrays(self._context, ProductReader(self._context.store), key.run_id, name, product))
 
     def studies(self, *, limit: int = 20) -> list[Study]:
         """Return studies, newest first."""
@@ -179,6 +182,7 @@ def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:
         variant_count=row.variant_count,
         rejected_count=row.rejected_count,
         tags=tuple(tags),
+        archived=row.archive is not None,
         created_at=row.created_at,
         started_at=row.started_at,
         finished_at=row.finished_at,

@@ -15,6 +15,7 @@ PRODUCTS: Final = "products/"
 RUNS: Final = "runs/"
 FUNCTIONS: Final = "functions/"
 
+_ARCHIVE: Final = "archive."
 _KIND = re.compile(r"[a-z][a-z-]{0,30}")
 _DIGEST = re.compile(r"[0-9a-f]{32}")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -60,6 +61,19 @@ def run_key(run_id: str, name: str) -> str:
     if not _NAME.fullmatch(name) or len(name) > 100:
         raise InvalidInput("not a plain file name", field="name", value=name, limit="letters, digits, . _ -")
     return run_prefix(run_id) + name
+
+
+def archive_key(run_id: str, table: str, sha256: str) -> str:
+    """Return the key of the rows of a table of an archived run: ``runs/0192…/archive.frames.abcd….parquet``.
+
+    The digest is that of the file, so that two processes that archive a run do not replace each other's files.
+    """
+    return run_key(run_id, f"{_ARCHIVE}{table}.{sha256[:16]}.parquet")
+
+
+def is_archive_key(key: str) -> bool:
+    """Return True if a key of a run's own artifact is one of `archive_key`."""
+    return key.rpartition("/")[2].startswith(_ARCHIVE)
 
 
 def run_prefix(run_id: str) -> str:

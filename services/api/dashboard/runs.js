@@ -79,7 +79,7 @@ function fillRow(row, run) {
   const reason = ACTIVE.has(run.state) ? run.reason : null;
   put(name, [run.name, run.tags, reason], h("a", { href: `#/runs/${run.id}` }, run.name), h("div", { class: "small soft mono" }, run.id), run.tags.length ? h("div", { class: "row tags" }, tagList(run.tags)) : null,
     reason ? h("div", { class: "small soft" }, reason) : null);
-  put(state, run.state, h("span", { class: `chip ${look(run.state)}` }, words(run.state)));
+  put(state, [run.state, run.archived], h("span", { class: `chip ${look(run.state)}` }, words(run.state)), run.archived ? h("div", { class: "small soft" }, "archived") : null);
   put(progress, [done, failed, total, share], total
     ? h("div", { class: "stack" }, bar(done, failed, total), h("div", { class: "small soft number" }, `${percent(share, share < 1 ? 1 : 0)} of ${plural(total, "evaluation")}`))
     : h("span", { class: "soft" }, "not started"));

@@ -22,7 +22,7 @@ from services.api.schemas.base import DIGEST
 from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, PixelRead, VariantPage, VariantRead
 from services.api.transfer import ConditionsDependency, send
 from valerie.db import runs
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.reading.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
 from valerie.pipeline.reading.frame_details import frame_details
@@ -52,7 +52,7 @@ def list_variants(
     rejected: Annotated[bool | None, Query(description="only rejected, or only accepted ones", examples=[True])] = None,
 ) -> VariantPage:
     after = decode_cursor(cursor, index)
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         runs.get(connection, run_id)
         rows = runs.variants_page(
             connection, run_id, after=-1 if after is None else after[0], limit=limit + 1, rejected=rejected
@@ -183,7 +183,9 @@ def annotation(
     archives: list[bytes] = []
 
     def size() -> int:
-        archives.append(npz(annotation_arrays(context, ProductReader(context.store), annotation_kind, product)))
+        archives.append(
+            npz(annotation_arrays(context, ProductReader(context.store), key.run_id, annotation_kind, product))
+        )
         return len(archives[0])
 
     return send(

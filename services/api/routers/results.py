@@ -17,7 +17,7 @@ from services.api.transfer import ConditionsDependency, send
 from valerie.analysis.rows.table import encoded
 from valerie.analysis.verdicts.verdicts import RequirementVerdict, verdict_table
 from valerie.db import long_table
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
@@ -85,7 +85,7 @@ def list_evaluations(
         raise InvalidInput(
             "the cursor belongs to another sort order", field="cursor", value=cursor, limit="sort unchanged"
         )
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         rows = long_table.page(
             connection, run_id, filters=filters, sort=column, descending=descending, limit=limit + 1, after=after
         )

@@ -22,9 +22,11 @@ from services.api.schemas.base import CAMERAS, DIGEST
 from services.api.schemas.runs import SPEC, Failure, Progress, RelativeRead, RunDetail, RunPage, RunRead
 from services.api.transfer import IfNoneMatch, send_page
 from valerie.db import marks, results, runs
+from valerie.db.archives import reading_run
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
+from valerie.pipeline.control.archiving import archive_run, restore_rows
 from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
@@ -179,7 +181,7 @@ def progress(run_id: RunId, context: ContextDependency) -> Progress:
     summary="Products that failed for good, with stage, error and attempts",
 )
 def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> list[Failure]:
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         runs.require(connection, run_id)
         failed = results.failures(connection, run_id, limit=limit)
     return [
@@ -201,7 +203,7 @@ def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> l
     summary="Number of rejected variants by reason",
 )
 def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         runs.require(connection, run_id)
         return runs.rejections(connection, run_id)
 
@@ -247,6 +249,22 @@ def delete(run_id: RunId, context: ContextDependency) -> None:
     lifecycle.delete(context, run_id)
 
 
+@router.post(
+    "/runs/{run_id}/archive",
+    responses=problems(404, 409, 422, 507),
+    summary="Move the rows of an ended run into the artifact store; everything reads them there",
+)
+def archive(run_id: RunId, context: ContextDependency) -> RunRead:
+    archive_run(context, run_id)
+    return _read(context, run_id)
+
+
+@router.post("/runs/{run_id}/unarchive", responses=_OF_CHANGE, summary="Move the rows of an archived run back")
+def unarchive(run_id: RunId, context: ContextDependency) -> RunRead:
+    restore_rows(context, run_id)
+    return _read(context, run_id)
+
+
 def _read(context: Context, run_id: str) -> RunRead:
     with reading(context.engine) as connection:
         return _run(runs.get(connection, run_id), marks.tags_of_runs(connection, [run_id]).get(run_id, []))
@@ -254,4 +272,5 @@ def _read(context: Context, run_id: str) -> RunRead:
 
 def _run(row: runs.RunRow, tags: list[str]) -> RunRead:
     stages = {} if row.progress is None else row.progress.stages
-    return RunRead.model_validate(vars(row) | {"stages": stages, "tags": tags})
+    archived = row.archive is not None
+    return RunRead.model_validate(vars(row) | {"stages": stages, "tags": tags, "archived": archived})

@@ -77,6 +77,9 @@ class RunRead(Read):
     )
     stages: dict[Stage, StageProgress] = Field(description="at the latest count; empty before the first")
     tags: list[str] = Field(description="that people put on it", examples=[["night"]])
+    archived: bool = Field(
+        description="whether its rows are in the artifact store; `unarchive` makes it changeable", examples=[False]
+    )
     created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
     started_at: Moment | None = Field(examples=["2026-11-21T02:43:09Z"])
     finished_at: Moment | None

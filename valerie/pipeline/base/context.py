@@ -14,10 +14,13 @@ from dataclasses import dataclass, field
 from sqlalchemy import Engine
 
 from valerie.broker import Broker
+from valerie.db.archives import ARCHIVES
 from valerie.db.engine import open_database
+from valerie.pipeline.base.archives import StoredArchives
 from valerie.pipeline.base.fitness import Fitness
 from valerie.pipeline.base.tracing import Traces, open_traces
 from valerie.settings import Settings
+from valerie.storage.bounded_folder import BoundedFolder
 from valerie.storage.store import ArtifactStore, open_store
 
 
@@ -73,10 +76,14 @@ def open_context(settings: Settings) -> Context:
         MissingDependency: the settings ask for traces, and OpenTelemetry is not installed.
     """
     owner = process_name()
+    engine = open_database(settings.database_url)
+    store = open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint)
+    folder = BoundedFolder(settings.data_dir / "archives", max_bytes=settings.archive_cache_mb * 2**20)
+    engine.update_execution_options(**{ARCHIVES: StoredArchives(engine, store, folder)})
     return Context(
         settings=settings,
-        engine=open_database(settings.database_url),
-        store=open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint),
+        engine=engine,
+        store=store,
         broker=Broker(settings),
         owner=owner,
         traces=open_traces(settings, owner),

@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable
 
 from valerie.db import copying, functions, runs
+from valerie.db.archives import reading_run
 from valerie.db.engine import reading, writing
 from valerie.document import Document
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
-from valerie.storage.keys import function_key, product_key, run_prefix
+from valerie.storage.keys import function_key, is_archive_key, product_key, run_prefix
 from valerie.storage.store import copy_objects
 
 
@@ -45,23 +46,25 @@ def copy_run(
         NotFound: the source has no such run.
         Conflict: the run has not ended; or as `valerie.db.copying.copy_rows`.
     """
-    with reading(source.engine) as connection:
+    with reading_run(source.engine, run_id) as connection:
         run = runs.get(connection, run_id)
         if run.state in runs.ACTIVE:
             raise Conflict(f"run {run_id} is {run.state}: it can be copied when it has ended or is cancelled")
         pins = () if run.pins is None else run.pins.functions.values()
-        registered = [row for pin in pins if (row := functions.of_digest(connection, pin.digest)) is not None]
         stored = copying.stored_products(connection, run_id)
+    with reading(source.engine) as connection:
+        registered = [row for pin in pins if (row := functions.of_digest(connection, pin.digest)) is not None]
     payloads = [row.document.payload for row in registered if row.document.payload is not None]
     keys = [function_key(payload.sha256, payload.format) for payload in payloads]
     keys += [product_key(product.kind, product.digest) for product in stored if product.kind.has_object]
-    keys += [info.key for info in source.store.list(run_prefix(run_id).rstrip("/"))]
+    own = [info.key for info in source.store.list(run_prefix(run_id).rstrip("/"))]
+    keys += [key for key in own if not is_archive_key(key)]  # a copy is not archived
     size, started = 0, time.monotonic()
     for number, bytes_copied in enumerate(copy_objects(source.store, target.store, keys), start=1):
         size += bytes_copied
         if progress is not None:
             progress(number, len(keys), number / max(time.monotonic() - started, 1e-6))
-    with reading(source.engine) as connection, writing(target.engine) as other:
+    with reading_run(source.engine, run_id) as connection, writing(target.engine) as other:
         for row in registered:
             functions.register(other, row.document, row.created_at)
         copying.copy_rows(connection, other, run_id)

@@ -7,10 +7,20 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from valerie.db import functions, retention, runs, sweeping, totals
+from valerie.db.archives import stored_in_archives
 from valerie.db.engine import reading, writing
 from valerie.errors import NotFound, StorageFull
 from valerie.pipeline.base.context import Context
-from valerie.storage.keys import FUNCTIONS, PRODUCTS, RUNS, parse_function_key, parse_product_key, product_key
+from valerie.storage.keys import (
+    FUNCTIONS,
+    PRODUCTS,
+    RUNS,
+    archive_key,
+    is_archive_key,
+    parse_function_key,
+    parse_product_key,
+    product_key,
+)
 
 _BATCH = 500
 #: An object is stored before its row says so; younger objects without a row are left untouched.
@@ -36,6 +46,8 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
         dry_run: remove nothing.
         now: reference time for the age of objects (default: that of the store at the call).
     """
+    with reading(context.engine) as connection:
+        stored_in_archives(connection, ())  # reads their lists before anything is locked
     removed = 0
     while True:
         with writing(context.engine) as connection:
@@ -68,7 +80,7 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
             keys = {}
     orphans += _unwanted(context, keys)
     for info in context.store.list(RUNS.rstrip("/")):
-        if info.modified <= limit and not _run_exists(context, info.key.split("/")[1]):
+        if info.modified <= limit and not _of_a_run(context, info.key):
             orphans.append(info.key)
     orphans += _unregistered(context, limit)
     for key in orphans:
@@ -128,10 +140,13 @@ def _unregistered(context: Context, limit: datetime) -> list[str]:
     return [key for key, sha256 in stored.items() if sha256 not in known]
 
 
-def _run_exists(context: Context, run_id: str) -> bool:
+def _of_a_run(context: Context, key: str) -> bool:
+    """Return True if the run of an artifact exists, and reads the artifact if it is part of an archive."""
+    run_id = key.split("/")[1]
     with reading(context.engine) as connection:
         try:
-            runs.require(connection, run_id)
+            archive = runs.archive_of(connection, run_id)
         except NotFound:
             return False
-    return True
+    tables = {} if archive is None else archive.tables
+    return not is_archive_key(key) or key in {archive_key(run_id, name, file.sha256) for name, file in tables.items()}

@@ -66,7 +66,7 @@ def resume(context: Context, run_id: str) -> None:
     """Resume a paused or cancelled run with its parked products.
 
     Raises:
-        NotFound, Conflict: no such run, or it is neither paused nor cancelled.
+        NotFound, Conflict: no such run, or it is neither paused nor cancelled, or archived.
         QuotaExceeded: a quota of its owner or project has no room for it.
     """
     _restart(context, run_id, expected=_RESUMABLE, states=(ProductState.PARKED,))
@@ -76,7 +76,7 @@ def retry(context: Context, run_id: str) -> None:
     """Try the failed products of a run again.
 
     Raises:
-        NotFound, Conflict: no such run, or its state allows no retry.
+        NotFound, Conflict: no such run, or its state allows no retry, or it is archived.
         QuotaExceeded: a quota of its owner or project has no room for it.
     """
     _restart(context, run_id, expected=_RETRYABLE, states=(ProductState.PARKED, ProductState.FAILED))
@@ -93,7 +93,7 @@ def delete(context: Context, run_id: str) -> None:
         run = runs.get(connection, run_id)
         since = database_time(connection) - CPU_PERIOD.total_seconds()
         if limits_costs(context.settings, run.owner, run.project):
-            seconds = runs.unshared_cpu_seconds(connection, run, since=since)
+            seconds = runs.unshared(connection, run, since=since).cpu_seconds
     with writing(context.engine) as connection:
         run = runs.get(connection, run_id)
         if run.state in runs.ACTIVE:
@@ -111,7 +111,7 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
         spent = spent_by(connection, context.settings, [(run.owner, run.project)])
     with writing(context.engine) as connection:
         now = database_time(connection)
-        run = runs.get(connection, run_id)
+        run = runs.to_change(connection, run_id)
         if run.state not in runs.ACTIVE:
             require_quota(connection, context.settings, run, spent)
         elif run.state is RunState.PAUSED:

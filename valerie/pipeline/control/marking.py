@@ -18,7 +18,7 @@ def put_mark(context: Context, run_id: str, subject: Subject, mark: Mark) -> Non
 
     Raises:
         NotFound: no such run, frame or finding.
-        Conflict: a finding of a run that has not completed.
+        Conflict: a finding of a run that has not completed, or the run is archived.
         InvalidInput: the name is not that of a frame or finding.
     """
     if subject.kind is MarkKind.FINDING and subject.name not in _findings(context, run_id):
@@ -26,7 +26,7 @@ def put_mark(context: Context, run_id: str, subject: Subject, mark: Mark) -> Non
     if subject.kind is MarkKind.RUN and subject.name:
         raise InvalidInput("a run needs no name here", field="name", value=subject.name)
     with writing(context.engine) as connection:
-        runs.require(connection, run_id)
+        runs.to_change(connection, run_id)
         if subject.kind is MarkKind.FRAME:
             frames.get(connection, FrameKey.parse(f"{run_id}.{subject.name}", field="name"))
         marks.put(connection, run_id, subject, mark, database_moment(connection))

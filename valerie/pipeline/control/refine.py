@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.findings.refining import halved_spec
 from valerie.analysis.findings.region import Region, region_of
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import TableRow
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
@@ -59,7 +59,7 @@ def refine_run(
         return _of_finding(context, run_id, selection.finding)
     names = run.resolved.space.names
     paths = [[_path(names, name, field) for name in entries] for field, entries in (("--add", add), ("--drop", drop))]
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         rows = [person.row for person in evaluated_persons(connection, run)]
     selected = _selected(run, selection, rows)
     varied = run.resolved.space.varied

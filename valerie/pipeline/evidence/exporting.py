@@ -18,6 +18,7 @@ from valerie.analysis.report.odd import odd_json, odd_table
 from valerie.analysis.report.register import register, register_json, register_table
 from valerie.analysis.rows.table import EvaluationTable, encoded
 from valerie.db import frames, runs
+from valerie.db.archives import reading_run
 from valerie.db.engine import reading
 from valerie.db.runs import RunRow
 from valerie.errors import StorageFull, StorageUnavailable
@@ -198,7 +199,7 @@ def _write_frame(context: Context, stored: StoredRun, frame: NamedFrame, folder:
     """Write the pictures of a frame; return its entry."""
     resolved = stored.resolved
     functions = {function_index(name, resolved): name for name in sorted(frame.functions)}
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, frame.key.run_id) as connection:
         assignment = frames.get(connection, frame.key).assignment
     entry = FrameEntry(
         variant=frame.key.variant,

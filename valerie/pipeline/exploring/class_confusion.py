@@ -13,7 +13,7 @@ from cachetools import LRUCache
 from numpy.typing import NDArray
 
 from valerie.db import results
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import TRAIN_LABELS, VOID_NAME
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
@@ -144,7 +144,7 @@ class Confusions:
             spec = read_run(self._context, run_id).resolved.spec
             if function not in spec.functions:
                 continue
-            with reading(self._context.engine) as connection:
+            with reading_run(self._context.engine, run_id) as connection:
                 for sensor, setting in enumerate(spec.sensors):
                     predictions = results.predictions(connection, run_id, sensor, spec.functions.index(function))
                     if len(counts) + len(predictions) > MAX_EVALUATIONS:

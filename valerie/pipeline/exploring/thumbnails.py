@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from valerie.db import measured
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.errors import Conflict, InvalidInput, MissingInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.frame_pictures import FrameSources, sources_of_frames
@@ -117,9 +117,12 @@ class Tiles:
         return found
 
     def _boxes(self, frames: Mapping[FrameKey, FrameSources]) -> _Boxes:
-        truths = {source.frame.products.truth for source in frames.values()}
-        with reading(self._context.engine) as connection:
-            return measured.amodal_boxes(connection, truths)
+        boxes: dict[tuple[str, int], Sequence[int] | None] = {}
+        for run_id in {key.run_id for key in frames}:
+            truths = {source.frame.products.truth for key, source in frames.items() if key.run_id == run_id}
+            with reading_run(self._context.engine, run_id) as connection:
+                boxes |= measured.amodal_boxes(connection, truths)
+        return boxes
 
     def _tile(
         self,

@@ -10,7 +10,7 @@ from pydantic import Field, JsonValue, field_validator
 
 from valerie.datasets.frame import FrameName
 from valerie.db import results
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.db.results import StoredPrediction
 from valerie.document import Document
 from valerie.errors import Conflict, InvalidInput
@@ -163,7 +163,7 @@ def plan_export(context: Context, run: StoredRun, settings: ExportSettings) -> E
     where = run_where(settings.where, resolved) if settings.where else None
     kinds = chosen_annotations(settings.annotations, resolved)
     sensor = sensor_index(settings.sensor, resolved)
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run.id) as connection:
         finished = choose_frames(connection, run, sensor=sensor)
         frames = choose_frames(connection, run, where=where, sensor=sensor) if where else finished
         require_some(frames, where)

@@ -192,7 +192,8 @@ class FrameWriter:
         except Conflict as error:
             raise Conflict(f"{self._plan.name(frame)}: {error}") from error
         return {
-            kind: annotation_arrays(self._context, self._reader, kind, product) for kind, product in products.items()
+            kind: annotation_arrays(self._context, self._reader, frame.key.run_id, kind, product)
+            for kind, product in products.items()
         }
 
     def _labelled(self, frame: ChosenFrame, capture: Capture, joints: Arrays | None) -> LabelledFrame:

@@ -15,6 +15,7 @@ from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.opening import open_function_document, open_installed
 from valerie.pipeline.functions.payload_cache import PayloadCache
 from valerie.runs.products.pins import FunctionPin
+from valerie.storage.bounded_folder import BoundedFolder
 
 _FOLDER: Final = "functions"
 
@@ -25,9 +26,8 @@ class FunctionLoader:
     def __init__(self, context: Context) -> None:
         self._context = context
         settings = context.settings
-        self._cache = PayloadCache(
-            context.store, settings.data_dir / _FOLDER, max_bytes=settings.function_cache_mb * 2**20
-        )
+        folder = BoundedFolder(settings.data_dir / _FOLDER, max_bytes=settings.function_cache_mb * 2**20)
+        self._cache = PayloadCache(context.store, folder)
 
     def open(self, name: str, pin: FunctionPin, *, threads: int | None = None) -> PerceptionFunction:
         """Load a function as a run pinned it.

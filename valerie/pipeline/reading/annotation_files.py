@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from valerie.datasets.frame import KeyPoints
 from valerie.db import frames, measured
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.errors import Conflict, UnknownName
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
@@ -53,7 +53,7 @@ def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> d
         UnknownName: the run has no annotation of such a kind.
         Conflict: one is not available yet, or failed for good.
     """
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, key.run_id) as connection:
         frames.get(connection, key)
         links = frames.annotation_links(connection, key)
     for kind in kinds:
@@ -66,8 +66,10 @@ def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> d
     return {AnnotationKind(kind): links[kind].product for kind in kinds}
 
 
-def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationKind, product: str) -> Arrays:
-    """Read the arrays of one annotation: the stored ones, or for ``light`` the columns, with one entry per person.
+def annotation_arrays(
+    context: Context, reader: ProductReader, run_id: str, kind: AnnotationKind, product: str
+) -> Arrays:
+    """Read the arrays of one annotation of a run: the stored ones, or for ``light`` the columns, with one entry per person.
 
     Raises:
         MissingInput: its object is gone.
@@ -75,7 +77,7 @@ def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationK
     if kind.stored:
         stored = reader.annotation(kind, product)
         return {field.name: getattr(stored, field.name) for field in fields(stored)}
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         persons = measured.person_lights(connection, product)
     # Undefined values (no sun, nothing visible) are NaN.
     values = {

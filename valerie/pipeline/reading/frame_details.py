@@ -9,7 +9,7 @@ from typing import Final, Protocol
 from sqlalchemy import Connection
 
 from valerie.db import frames, measured, results
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.db.links import StoredFrame
 from valerie.db.measured import MeasuredPerson
 from valerie.db.models import Assignment
@@ -183,7 +183,7 @@ def list_frames(context: Context, run_id: str, *, after: FrameKey | None, limit:
         Conflict, UnknownName: its asset changed or is gone.
     """
     resolved = read_run(context, run_id).resolved
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         page = frames.page(connection, run_id, after=after, limit=limit)
     return [_summary(frame, states, resolved) for frame, states in page]
 
@@ -197,7 +197,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     """
     run = read_run(context, key.run_id)
     resolved = run.resolved
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, key.run_id) as connection:
         frame = frames.get(connection, key)
         states = list(results.product_states(connection, frame.products.required).values())
         annotations = frames.annotation_links(connection, key)

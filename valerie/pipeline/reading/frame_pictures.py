@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.db import frames, results
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.db.frames import AnnotationLink
 from valerie.db.links import StoredFrame
 from valerie.db.results import PredictionLink
@@ -130,7 +130,7 @@ def sources_of_frames(
         NotFound: no such run.
     """
     resolved = started_run(context, run_id).resolved
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         found = frames.several(connection, keys)
         annotations = {key: frames.annotation_links(connection, key) if resolved.annotations else {} for key in found}
         predictions = results.prediction_links(connection, found) if evaluated else {}

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from valerie.analysis.rows.frame_counts import ABSENT
 from valerie.db import long_table, runs
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.db.long_table import Point
 from valerie.db.models import Assignment
 from valerie.errors import UnknownName
@@ -130,7 +130,7 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
     Raises:
         NotFound, Conflict, UnknownName: no such run, its asset changed, or it has no such axis.
     """
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         run = runs.get(connection, run_id)
         resolved = resolve_stored(run, context.settings).resolved
         axes = plot_axes(resolved)

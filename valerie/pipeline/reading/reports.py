@@ -24,6 +24,7 @@ from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.db import results, runs
+from valerie.db.archives import reading_run
 from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
@@ -204,7 +205,7 @@ def _selected(context: Context, run: StoredRun, table: EvaluationTable, where: s
         # What one side scored low by chance, the other would seem to improve.
         limit = "what is known without a function, such as distance_m, or a parameter"
         raise InvalidInput("a comparison of scores cannot select by them", field="--where", value=where, limit=limit)
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run.id) as connection:
         rows = np.array([condition.holds(person.row) for person in evaluated_persons(connection, run)], np.bool_)
     if not rows.any():
         raise InvalidInput("selects no row", field="--where", value=where)
@@ -214,7 +215,10 @@ def _selected(context: Context, run: StoredRun, table: EvaluationTable, where: s
 def _ended(context: Context, *run_ids: str) -> RunResults:
     with reading(context.engine) as connection:
         rows = tuple(_ended_row(connection, run_id) for run_id in run_ids)
-        failures = [failure for run_id in run_ids for failure in results.failures(connection, run_id)]
+    failures: list[FailedLink] = []
+    for run_id in run_ids:
+        with reading_run(context.engine, run_id) as connection:
+            failures += results.failures(connection, run_id)
     if len(rows) == 1:
         return read_results(context, rows[0], failures)
     together = read_together(context, run_ids)
@@ -278,7 +282,8 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
     spent: defaultdict[ProductKind, float] = defaultdict(float)
     with reading(context.engine) as connection:
         now = database_moment(connection)
-        for row in results.runs:
+    for row in results.runs:
+        with reading_run(context.engine, row.id) as connection:
             rejected.update(runs.rejections(connection, row.id))
             for kind, seconds in runs.cpu_seconds(connection, row.id).items():
                 spent[kind] += seconds

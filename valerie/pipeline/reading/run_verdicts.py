@@ -10,7 +10,7 @@ from sqlalchemy import Connection
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict, judge_requirements
 from valerie.db import long_table
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.labels import PERSON
 from valerie.measures import TableRow
 from valerie.pipeline.base.context import Context
@@ -32,7 +32,7 @@ def read_verdicts(context: Context, run: StoredRun, table: EvaluationTable) -> t
     if not resolved.requirements:
         return ()
     regional = [requirement for requirement in resolved.requirements if requirement.where is not None]
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run.id) as connection:
         verdict_rows = [
             [requirement.holds(person.row) for requirement in regional]
             for person in (evaluated_persons(connection, run) if regional else ())

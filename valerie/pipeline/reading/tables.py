@@ -16,7 +16,7 @@ from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses, all_classes
 from valerie.db import long_table, results
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.db.long_table import LongRow, Piece
 from valerie.db.models import Assignment
 from valerie.errors import Conflict, InvalidInput
@@ -58,7 +58,7 @@ class RunsTogether:
 def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
     """Read the long table of all evaluations so far."""
     varied = varied_types(run.resolved)
-    with reading(engine) as connection:
+    with reading_run(engine, run.id) as connection:
         assignments = long_table.assignments(connection, run.id)
         pieces = [
             EvaluationTable.from_columns(_table_columns(piece, run, assignments, varied), varied)
@@ -145,9 +145,9 @@ def read_classes(
     """
     totals: dict[tuple[str, str], ConfusionMatrix] = defaultdict(lambda: np.zeros(SHAPE, np.int64))
     mious: dict[tuple[str, str], list[float | None]] = defaultdict(list)
-    with reading(engine) as connection:
-        for run in runs:
-            names, sensors = run.resolved.spec.functions, [sensor.name for sensor in run.resolved.spec.sensors]
+    for run in runs:
+        names, sensors = run.resolved.spec.functions, [sensor.name for sensor in run.resolved.spec.sensors]
+        with reading_run(engine, run.id) as connection:
             for sensor, function, packed, miou in results.confusions(connection, run.id):
                 totals[names[function], sensors[sensor]] += codecs.decode_counts(packed)
                 mious[names[function], sensors[sensor]].append(miou)

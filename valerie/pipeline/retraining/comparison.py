@@ -14,7 +14,7 @@ from valerie.analysis.findings.region import Region
 from valerie.analysis.rows.pairing import RowKey, aligned, row_keys
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import results
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.errors import Conflict, InvalidInput
 from valerie.measures import MEASURES, TableRow
 from valerie.metrics.collection import collection_scores
@@ -118,7 +118,7 @@ def compare_on_run(
     if len(references) < 2 or len({display_name(reference) for reference in references}) < len(references):
         raise InvalidInput("name two or more different functions", field="versions", value=list(references))
     run = read_run(context, run_id)
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         frames = list(finished_frames(connection, run))
     if not frames:
         raise Conflict(f"run {run_id} has no finished frames yet")
@@ -183,7 +183,7 @@ def _groups(
     where, region = grouping.where, grouping.region
     if not where and region is None:
         return groups
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run.id) as connection:
         persons = evaluated_persons(connection, run)
         assigned: dict[RowKey, TableRow] = {
             (str(person.frame), person.instance_id or None): person.row for person in persons
@@ -210,7 +210,7 @@ def _groups(
 def _stored(context: Context, run: StoredRun, function: str) -> _Evaluated:
     index = function_index(function, run.resolved)
     varied = varied_types(run.resolved)
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run.id) as connection:
         rows = [person.row for person in evaluated_persons(connection, run, sensor=0, function=index)]
         predictions = results.predictions(connection, run.id, 0, index)
     table = EvaluationTable.from_rows(

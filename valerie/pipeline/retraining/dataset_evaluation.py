@@ -23,7 +23,7 @@ from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
 from valerie.datasets.twins import LEAST_OVERLAP, Twin
 from valerie.db import results
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.errors import InvalidInput
 from valerie.labels import TRAIN_NAMES
 from valerie.measures import TableRow
@@ -369,7 +369,7 @@ def run_side(context: Context, run_id: str, function: str) -> RunSide:
     """
     run = read_run(context, run_id)
     name = as_called(function, run)
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run_id) as connection:
         predictions = results.predictions(connection, run_id, 0, function_index(name, run.resolved))
     judged = pinned_card(run.pins, name).judged_ids
     scores = collection_scores(

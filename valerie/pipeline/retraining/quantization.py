@@ -10,7 +10,7 @@ from typing import Final
 
 from valerie.analysis.comparison.before_after import VersionComparison
 from valerie.analysis.comparison.wording import difference_text
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.db.links import StoredFrame
 from valerie.errors import Conflict
 from valerie.perception.documents.function import FunctionDocument, parse_function
@@ -113,7 +113,7 @@ def quantize_function(
 
 
 def _spread(context: Context, run: StoredRun, count: int) -> list[StoredFrame]:
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run.id) as connection:
         finished = [frame.stored for frame in finished_frames(connection, run)]
     if not finished:
         raise Conflict(f"run {run.id} has no finished frames yet")

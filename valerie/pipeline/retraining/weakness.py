@@ -9,7 +9,7 @@ from typing import Final
 
 from valerie.analysis.findings.region import Region, region_of
 from valerie.analysis.rows.frame_counts import ABSENT
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.errors import Conflict, InvalidInput
 from valerie.measures import TableRow
 from valerie.perception.documents.function import FunctionDocument
@@ -144,7 +144,7 @@ def _region(context: Context, runs: Sequence[StoredRun], where: str, function: s
     for run in runs:
         condition = run_where(where, run.resolved)
         index = function_index(function, run.resolved)
-        with reading(context.engine) as connection:
+        with reading_run(context.engine, run.id) as connection:
             for person in evaluated_persons(connection, run, function=index):
                 if person.row["undefined_reason"] == ABSENT:
                     continue

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from obstore.store import MemoryStore
 
 from valerie.db import frames, measured, results, runs
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.db.frames import AnnotationLink
 from valerie.db.measured import FrameScore
 from valerie.db.products import EvaluationLink, Finished, Job
@@ -61,7 +61,7 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
     Raises:
         NotFound: no such run or frame.
     """
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, key.run_id) as connection:
         run = runs.get(connection, key.run_id)
         frame = frames.get(connection, key)
         annotations = frames.annotation_links(connection, key)
@@ -119,7 +119,9 @@ class _Replay:
             return Replayed(job.kind, name, job.digest, verdict, seconds, differing)
         if job.kind is ProductKind.LIGHT and stored is not None:
             done = stored.state is ProductState.DONE
-            verdict = "not stored" if not done else "equal" if self._same_light(finished) else "differs"
+            verdict = (
+                "not stored" if not done else "equal" if self._same_light(job.frame.key.run_id, finished) else "differs"
+            )
         else:
             verdict = self._verdict(job)
         return Replayed(job.kind, name, job.digest, verdict, seconds)
@@ -132,8 +134,8 @@ class _Replay:
             return "not stored"
         return "equal" if same or (job.kind == "truth" and self._same_truth(job.digest)) else "differs"
 
-    def _same_light(self, finished: Finished) -> bool:
-        with reading(self.scratch.engine) as connection:
+    def _same_light(self, run_id: str, finished: Finished) -> bool:
+        with reading_run(self.scratch.engine, run_id) as connection:
             return measured.person_lights(connection, finished.digest) == list(finished.person_lights)
 
     def _same_truth(self, digest: str) -> bool:

@@ -46,10 +46,11 @@ def put_prediction(
     Raises:
         NotFound: no such run or frame, or the function was removed.
         UnknownName, InvalidInput: no such function or sensor; not a label map, another size, an id without a class.
-        Conflict: the frame already has another label map, it is not rendered yet, or the deadline has passed.
+        Conflict: the frame already has another label map, it is not rendered yet, or the deadline has passed, or the
+            run is archived.
     """
     with reading(context.engine) as connection:
-        run = resolve_stored(runs.get(connection, key.run_id), context.settings)
+        run = resolve_stored(runs.to_change(connection, key.run_id), context.settings)
         resolved = run.resolved
         place = _place(run, function, sensor)
         rows = results.frame_evaluations(connection, key)

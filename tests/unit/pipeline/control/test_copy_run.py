@@ -131,7 +131,7 @@ def test_a_product_that_is_unfinished_there_is_a_conflict_that_changes_nothing(
     same = elsewhere.submit(SMALL)
     elsewhere.run(same, until=("running",))
     before = counts(elsewhere.context)
-    with pytest.raises(Conflict, match="in that deployment"):
+    with pytest.raises(Conflict, match="where its rows would go"):
         copy_run(pipeline.context, elsewhere.context, run)
     assert counts(elsewhere.context) == before
     assert elsewhere.run(same) == "completed"

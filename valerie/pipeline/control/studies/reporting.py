@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import structlog
 
 from valerie.db import studies
+from valerie.db.archives import reading_run
 from valerie.db.engine import reading
 from valerie.db.studies import BatchRow, StudyRow
 from valerie.errors import NotFound, ValerieError
@@ -167,7 +168,7 @@ def _conditions(
         run = started_run(context, str(batches[number].run_id))
     except NotFound:
         return
-    with reading(context.engine) as connection:
+    with reading_run(context.engine, run.id) as connection:
         rows = [person.row for person in evaluated_persons(connection, run) if person.frame.variant == index]
     counting = {
         i: row[study.measure.column] for i, row in enumerate(rows) if study.where is None or study.where.holds(row)

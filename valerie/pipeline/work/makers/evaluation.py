@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from valerie.db import measured
-from valerie.db.engine import reading
+from valerie.db.archives import reading_run
 from valerie.db.measured import FrameScore, MeasuredPerson, SeenPerson
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError
@@ -61,6 +61,6 @@ class EvaluateMaker:
 
     def _views(self, job: Job, truth: GroundTruth) -> tuple[SeenPerson, ...]:
         """Return the persons of the frame's own truth with all pixel measures from the distorted truth."""
-        with reading(self._context.engine) as connection:
+        with reading_run(self._context.engine, job.frame.key.run_id) as connection:
             persons = measured.person_views(connection, job.frame.products.truth)
         return tuple(measured_again(person, truth) for person in persons)
