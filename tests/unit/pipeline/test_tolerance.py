@@ -5,19 +5,31 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+import pyarrow as pa
 import pytest
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
-from valerie.db import processes
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.db import long_table, processes
 from valerie.db.engine import reading, writing
+from valerie.measures import CLASS_COLUMNS
 from valerie.pipeline.base.resolved_runs import read_run
+from valerie.pipeline.base.run_artifacts import REPORT, TABLE_PARQUET, artifact_key
 from valerie.pipeline.control.planning import plan_run
+from valerie.pipeline.evidence.exporting import export_evidence
+from valerie.pipeline.evidence.replaying import replay
 from valerie.pipeline.functions.probe import probe_engine, probe_function
+from valerie.pipeline.reading.frame_details import frame_details
+from valerie.pipeline.reading.tables import read_table, table_row, varied_types
+from valerie.pipeline.work.finish import finish_run
+from valerie.pipeline.work.replay import replay_frame
+from valerie.pipeline.work.stages import serve_queue
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pins import ANY_PINS, TRUTH, AnyOffer, Pins, TolerantPins, numeric_classes
-from valerie.runs.products.states import Stage
+from valerie.runs.products.states import EVAL_QUEUE, Stage, stage_of
 from valerie.runs.resolving.spec import parse
 
 #: Radiance that stays within the bounds, and radiance that does not.
@@ -109,7 +121,7 @@ def test_stored_pins_read_and_lose_nothing(world: Pipeline, join: Callable[..., 
     again = ANY_PINS.validate_json(ANY_PINS.dump_json(pins))
     assert again == pins
     for x in range(20):
-        assignment = {path: 0.1 * x for path in pins.place}
+        assignment = dict.fromkeys(pins.place, 0.1 * x)
         assert again.at(assignment) == pins.at(assignment)
 
 
@@ -155,17 +167,6 @@ class TestSplit:
         assert own.place == ("scene.sun-1.elevation",)
 
 
-def rows_by_place(world: Pipeline, run_id: str) -> dict[tuple[Any, ...], set[tuple[Any, ...]]]:
-    from valerie.pipeline.reading.tables import read_table
-
-    run = read_run(world.context, run_id)
-    places = defaultdict(set)
-    for row in read_table(world.context.engine, run).arrow.to_pylist():
-        place = (row["scene.person-1.pos.x"], row["scene.person-1.pos.y"])
-        places[place].add((row["render_class"], row["truth_class"], row["infer_class"]))
-    return places
-
-
 def test_products_of_a_place_go_to_the_queues_of_its_classes_and_have_their_digests(
     world: Pipeline, join: Callable[..., object]
 ) -> None:
@@ -207,3 +208,101 @@ def test_a_plan_counts_what_the_classes_of_the_places_have_made(world: Pipeline,
     world.loop.tick(everything=True)
     planned = plan_run(world.context, parse(TOLERANT))
     assert sum(product.needed for product in planned.products) == len(world.products())
+
+
+class TestWorkedOff:
+    """A run that both classes made."""
+
+    SHIFTS: ClassVar = {"blank-a": "0", "blank-b": WITHIN}
+
+    @pytest.fixture
+    def become(self, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+        """Makes this process a machine of a class."""
+
+        def become(numeric_class: str) -> None:
+            monkeypatch.setenv("VALERIE_TEST_BLANK_CLASS", numeric_class)
+            monkeypatch.setenv("VALERIE_TEST_BLANK_SHIFT", self.SHIFTS[numeric_class])
+
+        return become
+
+    @pytest.fixture
+    def run(self, world: Pipeline, join: Callable[..., object], become: Callable[[str], None]) -> str:
+        join("w1", "blank-a")
+        join("w2", "blank-b", WITHIN)
+        requirement = {"id": "R1", "statistic": "mean(pacc) >= 1 %"}
+        run = world.submit(TOLERANT | {"annotations": ["light"], "requirements": [requirement]})
+        for _ in range(20):
+            world.loop.tick(everything=True)
+            for numeric_class in self.SHIFTS:
+                become(numeric_class)
+                for route in {product.route for product in world.products()}:
+                    if route.endswith(numeric_class):
+                        serve_queue(world.context, world.makers[stage_of(route)], route)
+            serve_queue(world.context, world.makers[Stage.EVAL], EVAL_QUEUE)
+            finishing, world.broker.finish = world.broker.finish, []
+            for one in finishing:
+                finish_run(world.context, one)
+        assert world.state(run) == "completed"
+        return run
+
+    def test_rows_frames_report_and_evidence_name_the_classes(
+        self, world: Pipeline, run: str, become: Callable[[str], None], tmp_path: Path
+    ) -> None:
+        stored = read_run(world.context, run)
+        table = read_table(world.context.engine, stored)
+        rows = table.arrow.to_pylist()
+        by_place = defaultdict(set)
+        for row in rows:
+            place = (row["scene.person-1.pos.x"], row["scene.person-1.pos.y"])
+            by_place[place].add(tuple(row[name] for name in CLASS_COLUMNS))
+        assert len(by_place) == 12
+        assert {len(classes) for classes in by_place.values()} == {1}
+        assert len({row["render_class"] for row in rows}) == len({row["infer_class"] for row in rows}) == 2
+
+        # The stored file has the columns, and the rows of a page are those of the table.
+        own = EvaluationTable.from_parquet(
+            pa.BufferReader(world.context.store.get(artifact_key(world.context, run, TABLE_PARQUET)))
+        )
+        assert own.arrow.equals(table.arrow)
+        varied = varied_types(stored.resolved)
+        with reading(world.context.engine) as connection:
+            again = [table_row(row, stored, varied) for row in long_table.rows(connection, run)]
+        assert EvaluationTable.from_rows(again, varied).arrow.equals(table.arrow)
+
+        # A frame replays on a machine of its class, and says so on another one.
+        for row in rows[::7]:
+            frame = frame_details(world.context, FrameKey.parse(row["frame_id"]), lambda *_, **__: "")
+            (evaluation,) = frame.evaluations
+            classes = (frame.render_class, frame.truth_class, evaluation.infer_class)
+            assert classes == tuple(row[name] for name in CLASS_COLUMNS)
+            become(frame.render_class)
+            replayed = {one.kind: one.verdict for one in replay_frame(world.context, FrameKey.parse(row["frame_id"]))}
+            assert {replayed[kind] for kind in ("background", "layer", "truth", "light")} == {"equal"}
+            same = evaluation.infer_class == frame.render_class
+            assert replayed["prediction"].startswith("equal" if same else "cannot be made here: blank runs as")
+
+        report = world.context.store.get(artifact_key(world.context, run, REPORT)).decode()
+        assert "blank-a (weight 1) or blank-b (weight 1)" in report
+        assert "99.5 % of a function" in report, report[report.find("Reproducible") : report.find("Reproducible") + 600]
+        folder = tmp_path / "evidence"
+        export_evidence(world.context, run, folder)
+        assert ANY_PINS.validate_json((folder / "pins.json").read_text()) == stored.pins
+        assert "all classes that agree in 99.9 %" in (folder / "ro-crate-metadata.json").read_text()
+        for numeric_class in self.SHIFTS:
+            become(numeric_class)
+            verdicts = [one.verdict for one in replay(folder, 50, world.settings)]
+            assert set(verdicts) <= {"equal"} | {
+                verdict for verdict in verdicts if verdict.startswith("cannot be made")
+            }
+            assert "equal" in verdicts or not verdicts
+
+    def test_the_report_of_a_run_of_bits_has_no_such_columns(
+        self, world: Pipeline, run: str, become: Callable[[str], None]
+    ) -> None:
+        become("blank-a")
+        bits = world.submit(spec(xs=4, ys=3))
+        assert world.run(bits) == "completed"
+        table = read_table(world.context.engine, read_run(world.context, bits))
+        assert not set(CLASS_COLUMNS) & set(table.arrow.column_names)
+        both = EvaluationTable.joined([table, read_table(world.context.engine, read_run(world.context, run))])
+        assert both.arrow["render_class"].null_count == len(table)

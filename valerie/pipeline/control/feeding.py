@@ -63,7 +63,7 @@ class _Target(NamedTuple):
 class _Making(NamedTuple):
     """What the frames of some pins are made of, and where."""
 
-    inputs: ProductInputs
+    digests: ProductInputs
     engine_route: str
     truth_route: str
     targets: Sequence[_Target]
@@ -140,10 +140,10 @@ class Feeder:
             if reason is not None:
                 rows.rejected += 1
                 continue
-            inputs, engine_route, truth_route, targets = self._making[id(self._pins.at(assignment))]
+            digests, engine_route, truth_route, targets = self._making[id(self._pins.at(assignment))]
             for time, camera in places:
                 moment = resolved.at(assignment, time)
-                frame = inputs.frame(moment, camera, course=resolved.around(assignment, time))
+                frame = digests.frame(moment, camera, course=resolved.around(assignment, time))
                 background, layer, truth = frame.products.required
                 want(background, Wanted(background, ProductKind.BACKGROUND, engine_route, background))
                 want(layer, Wanted(layer, ProductKind.LAYER, engine_route, background))

@@ -335,11 +335,8 @@ def _tolerance(pins: Pins) -> dict[str, str]:
     """Return the bounds of a run with tolerance: title to text."""
     if not isinstance(pins, TolerantPins):
         return {}
-    bounds = pins.bounds
     return {
-        "Reproducible": "within a tolerance: one numeric class for each place, of those that agree on a fixed scene and picture "
-        f"({100 * bounds.values:g} % of an image's values within {bounds.levels} of 255, {100 * bounds.truth:g} % of the ground "
-        f"truth's pixels and {100 * bounds.labels:g} % of a function's labels equal)"
+        "Reproducible": f"within a tolerance: one numeric class for each place, of those that agree in {pins.bounds.text}"
     }
 
 

@@ -94,6 +94,14 @@ class Bounds(Document):
     truth: float = 0.999
     labels: float = 0.995
 
+    @property
+    def text(self) -> str:
+        """The bounds in words."""
+        return (
+            f"{100 * self.values:g} % of an image's values to {self.levels} of 255, {100 * self.truth:g} % of the ground truth's "
+            f"pixels and {100 * self.labels:g} % of a function's labels"
+        )
+
 
 BOUNDS: Final = Bounds()
 
@@ -174,7 +182,7 @@ class TolerantPins(Pins):
 
     _combined: list[list[Pins]] = PrivateAttr()
 
-    def model_post_init(self, context: object, /) -> None:
+    def model_post_init(self, context: object, /) -> None:  # noqa: ARG002
         """Combine the classes of the stages once."""
         self._combined = [
             [
