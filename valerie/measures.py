@@ -25,6 +25,10 @@ TableRow = dict[str, Cell]
 Row = Mapping[str, Cell]
 
 
+#: Columns of the numeric classes that made a row, in runs that accept several.
+CLASS_COLUMNS: Final = ("render_class", "truth_class", "infer_class")
+
+
 class ColumnType(StrEnum):
     """Type of a column's values; all but `NAME` are names of Arrow types."""
 

@@ -214,7 +214,7 @@ def create_truth_pass(numeric_class: str) -> TruthMaker:
 
 def light_engine(numeric_class: str) -> str:
     """Return the engine that measures the light on surfaces for all engines, given the numeric class of the truth pass."""
-    return TESTING_ENGINE if numeric_class == TESTING_ENGINE else "raster"
+    return TESTING_ENGINE if numeric_class.partition("-")[0] == TESTING_ENGINE else "raster"
 
 
 def function_names(*, testing: bool = False) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from services.eval_worker.tasks import register
 from valerie.logs import configure_logging
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.workers import serve
+from valerie.runs.products.pins import Probed
 from valerie.runs.products.states import Stage
 from valerie.settings import load_settings
 
@@ -14,4 +15,4 @@ def main() -> None:
     """Run until a signal ends the process."""
     settings = load_settings()
     configure_logging(settings)
-    serve(settings, Stage.EVAL, offers=[], register=register, open_maker=EvaluateMaker)
+    serve(settings, Stage.EVAL, machine=Probed(offers=()), register=register, open_maker=EvaluateMaker)

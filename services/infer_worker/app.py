@@ -50,4 +50,4 @@ def main() -> None:
         log.warning("worker.plugins", reason=notice)
     functions = _functions(settings.infer_functions)
     engines = _engines(settings.infer_engines)
-    serve(settings, Stage.INFER, offers=infer_offers(functions, engines), register=register, open_maker=InferMaker)
+    serve(settings, Stage.INFER, machine=infer_offers(functions, engines), register=register, open_maker=InferMaker)

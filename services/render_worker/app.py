@@ -21,5 +21,5 @@ def main() -> None:
     configure_logging(settings)
     for notice in plugins.look_at_installed():
         log.warning("worker.plugins", reason=notice)
-    offers = render_offers(settings.render_engines.split(","))
-    serve(settings, Stage.RENDER, offers=offers, register=register, open_maker=RenderMaker)
+    machine = render_offers(settings.render_engines.split(","))
+    serve(settings, Stage.RENDER, machine=machine, register=register, open_maker=RenderMaker)

@@ -30,7 +30,7 @@ from valerie.pipeline.work import finish
 from valerie.pipeline.work.child import Child
 from valerie.plain import typed
 from valerie.runs.products.frame_keys import FrameKey
-from valerie.runs.products.pins import OFFERS, Pins
+from valerie.runs.products.pins import AnyOffer, Pins
 from valerie.runs.products.progress import BlockCounts, Progress
 from valerie.runs.products.ready import FailedInput, Fault
 from valerie.runs.products.states import ProductKind, ProductState, RunState
@@ -82,7 +82,8 @@ def test_a_stored_document_reads_and_loses_nothing(name: str) -> None:
 
 def test_stored_offers_read_and_lose_nothing() -> None:
     stored = read("documents")["offers"]
-    assert json.loads(OFFERS.dump_json(OFFERS.validate_json(json.dumps(stored)))) == stored
+    offers = TypeAdapter(tuple[AnyOffer, ...])
+    assert json.loads(offers.dump_json(offers.validate_json(json.dumps(stored)))) == stored
 
 
 def test_the_summary_reads() -> None:

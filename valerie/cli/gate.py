@@ -261,14 +261,14 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
         from valerie.analysis.rows.table import EvaluationTable
         from valerie.analysis.verdicts.gate import GateRun
         from valerie.analysis.verdicts.verdicts import RequirementVerdict
-        from valerie.runs.products.pins import Pins
+        from valerie.runs.products.pins import ANY_PINS
         from valerie.runs.resolving.spec import RunSpec
 
         with client_of(settings_of(data_dir), url) as client:
             verdicts = typed(tuple[RequirementVerdict, ...], client.summary(run_id).verdicts)
             detail = client.detail(run_id)
             table = EvaluationTable.from_parquet(io.BytesIO(client.evaluations(run_id)))
-        spec, pins = RunSpec.model_validate(detail.spec), Pins.model_validate(detail.pins)
+        spec, pins = RunSpec.model_validate(detail.spec), ANY_PINS.validate_python(detail.pins)
         return GateRun(run_id, spec, detail.asset_digest, pins, table, verdicts)
 
     return from_server

@@ -14,7 +14,7 @@ from valerie.db.runs import ACTIVE
 from valerie.db.statements import insert_ignoring
 from valerie.errors import Conflict
 from valerie.perception.documents.function import FunctionDocument
-from valerie.runs.products.pins import Pins
+from valerie.runs.products.pins import AnyPins
 from valerie.runs.resolving.spec import RunSpec
 
 
@@ -35,7 +35,7 @@ class UnfinishedRun:
 
     id: str
     spec: RunSpec
-    pins: Pins | None
+    pins: AnyPins | None
 
 
 _FUNCTION = select(*columns_of(FunctionRow, Function))

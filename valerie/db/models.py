@@ -37,7 +37,7 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.forecasting.costs import Cost
 from valerie.runs.marks import MarkKind
 from valerie.runs.products.archive import Archive
-from valerie.runs.products.pins import AnyOffer, Pins
+from valerie.runs.products.pins import AnyOffer, AnyPins
 from valerie.runs.products.progress import BlockCounts, Progress
 from valerie.runs.products.ready import ProductError
 from valerie.runs.products.states import Priority, ProductKind, ProductState, RunState, Stage
@@ -45,7 +45,7 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
-REVISION: Final = "archives"
+REVISION: Final = "specimens"
 #: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -114,7 +114,7 @@ class Run(Base):
     spec_digest: Mapped[str] = mapped_column(Digest)
     asset_digest: Mapped[str] = mapped_column(Digest)
     #: None until workers offer all that the spec needs.
-    pins: Mapped[Pins | None] = mapped_column(JsonDocument(Pins))
+    pins: Mapped[AnyPins | None] = mapped_column(JsonDocument(AnyPins))
     parent_run: Mapped[str | None] = mapped_column(ForeignKey("runs.id", ondelete="SET NULL"))
     iteration: Mapped[int] = mapped_column(default=0)
     variant_count: Mapped[int] = mapped_column(BigInteger)
@@ -567,6 +567,15 @@ class Worker(Base):
     seen_at: Mapped[float] = mapped_column(Float)
     #: Why the worker was put aside; None: it works.
     resting: Mapped[str | None] = mapped_column(Text)
+
+
+class Specimen(Base):
+    """What a numeric class makes of a fixed scene or picture (`valerie.runs.products.specimens`)."""
+
+    __tablename__ = "specimens"
+
+    key: Mapped[str] = mapped_column(String(32), primary_key=True)
+    data: Mapped[bytes] = mapped_column(LargeBinary)
 
 
 class Lease(Base):

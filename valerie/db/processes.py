@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from sqlalchemy import Connection, delete, select, update
 
-from valerie.db.models import Lease, Worker
+from valerie.db.models import Lease, Specimen, Worker
 from valerie.db.rows import columns_of, read_all
 from valerie.db.statements import insert_ignoring
-from valerie.runs.products.pins import AnyOffer
+from valerie.runs.products.pins import AnyOffer, Offer
 from valerie.runs.products.states import Stage
+
+Offered = TypeVar("Offered", bound=Offer)
 
 #: A worker without a heartbeat for this long counts as dead.
 ALIVE_SECONDS = 20.0
@@ -51,6 +54,20 @@ def register_worker(connection: Connection, worker: WorkerRow) -> None:
     insert_ignoring(connection, Worker, [vars(worker)])
 
 
+def keep_specimens(connection: Connection, specimens: Mapping[str, bytes]) -> None:
+    """Store specimens by key; those that are stored already are only read, so that workers that start together do not wait."""
+    stored = stored_specimens(connection, specimens)
+    new = [{"key": key, "data": data} for key, data in sorted(specimens.items()) if stored.get(key) != data]
+    connection.execute(delete(Specimen).where(Specimen.key.in_([row["key"] for row in new])))
+    insert_ignoring(connection, Specimen, new)
+
+
+def stored_specimens(connection: Connection, keys: Iterable[str]) -> dict[str, bytes]:
+    """Return those specimens of ``keys`` that are stored."""
+    rows = connection.execute(select(Specimen.key, Specimen.data).where(Specimen.key.in_(list(keys))))
+    return {row.key: row.data for row in rows}
+
+
 def worker_seen(connection: Connection, worker_id: str, now: float) -> bool:
     """Record a heartbeat; return False if the worker's row is gone and it must register again."""
     return connection.execute(update(Worker).where(Worker.id == worker_id).values(seen_at=now)).rowcount == 1
@@ -76,9 +93,19 @@ def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
 
 def offers(connection: Connection, *, now: float) -> list[AnyOffer]:
     """Return the offers of the live workers that do not rest, each route and name once, in the order of `workers`."""
-    unique: dict[tuple[str, str], AnyOffer] = {}
-    for worker in workers(connection, now=now):
-        for offer in worker.offers if worker.resting is None else ():
+    return distinct(offers_by_worker(connection, now=now))
+
+
+def offers_by_worker(connection: Connection, *, now: float) -> list[tuple[AnyOffer, ...]]:
+    """Return the offers of each live worker that does not rest, in the order of `workers`."""
+    return [worker.offers for worker in workers(connection, now=now) if worker.resting is None]
+
+
+def distinct(by_worker: Iterable[Iterable[Offered]]) -> list[Offered]:
+    """Return the offers of several workers, each route and name once."""
+    unique: dict[tuple[str, str], Offered] = {}
+    for offered in by_worker:
+        for offer in offered:
             unique.setdefault((offer.route, offer.name), offer)
     return list(unique.values())
 

@@ -43,7 +43,7 @@ from valerie.db.statements import Seen, newest_first, within
 from valerie.errors import Conflict, NotFound
 from valerie.runs.forecasting.costs import Cost
 from valerie.runs.products.archive import Archive
-from valerie.runs.products.pins import Pins
+from valerie.runs.products.pins import AnyPins
 from valerie.runs.products.progress import Progress
 from valerie.runs.products.states import UPLOADED_ROUTE, Priority, ProductKind, ProductState, RunState
 from valerie.runs.resolving.spec import RunSpec
@@ -63,7 +63,7 @@ class SubmittedRun:
     spec: RunSpec
     spec_digest: str
     asset_digest: str
-    pins: Pins | None
+    pins: AnyPins | None
     parent_run: str | None
     iteration: int
     variant_count: int
@@ -91,7 +91,7 @@ class RunRow(SubmittedRun):
 class RunValues(TypedDict, total=False):
     """Columns of a run that change."""
 
-    pins: Pins
+    pins: AnyPins
     reason: str | None
     next_index: int
     rejected_count: int

@@ -2,11 +2,15 @@
 
 Only workers with ``VALERIE_RENDER_ENGINES=blank`` or ``VALERIE_INFER_FUNCTIONS=blank`` offer them. A spec may name them only
 if ``VALERIE_TESTING_ENGINES`` is on, so that nobody mistakes their output for a result.
+
+Tests of several numeric classes set ``VALERIE_TEST_BLANK_CLASS`` in a worker's environment, and the difference of its results as
+``VALERIE_TEST_BLANK_SHIFT``: radiance added to backgrounds, and to the threshold of the function.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
@@ -25,6 +29,8 @@ from valerie.scene.graph.model import Scene
 NAME: Final = "blank"
 ENGINE: Final = Engine("valerie.testing.blank:BlankRenderer")
 NUMERIC_CLASS: Final = "blank"
+_CLASS: Final = "VALERIE_TEST_BLANK_CLASS"
+_SHIFT: Final = "VALERIE_TEST_BLANK_SHIFT"
 #: Depth of every pixel, metres.
 DEPTH: Final = 10.0
 
@@ -34,11 +40,15 @@ class BlankRenderer:
 
     name: ClassVar[str] = NAME
     revision: ClassVar[int] = 1
-    numeric_class = NUMERIC_CLASS
+
+    @property
+    def numeric_class(self) -> str:
+        """See `valerie.rendering.base.Renderer`."""
+        return _numeric_class()
 
     def background(self, scene: Scene, view: View) -> LinearImage:  # noqa: ARG002
         """See `Renderer`."""
-        ramp = np.linspace(0.1, 0.9, view.width, dtype=np.float16)
+        ramp = np.linspace(0.1, 0.9, view.width, dtype=np.float16) + np.float16(_shift())
         return LinearImage(np.broadcast_to(ramp[None, :, None], (view.height, view.width, 3)).copy())
 
     def layer(self, scene: Scene, view: View) -> Layer:
@@ -68,7 +78,11 @@ class BlankTruthPass:
     """Road everywhere, and one person in the square."""
 
     revision: ClassVar[int] = 1
-    numeric_class = NUMERIC_CLASS
+
+    @property
+    def numeric_class(self) -> str:
+        """See `valerie.rendering.base.Renderer`."""
+        return _numeric_class()
 
     def truth(self, scene: Scene, view: View) -> GroundTruth:
         """See `valerie.rendering.truth.TruthMaker`."""
@@ -125,17 +139,30 @@ class BlankFunction:
     """A function that predicts a person wherever the picture is darker than middle grey."""
 
     revision: ClassVar[int] = 1
-    numeric_class = NUMERIC_CLASS
+
+    @property
+    def numeric_class(self) -> str:
+        """See `valerie.rendering.base.Renderer`."""
+        return _numeric_class()
+
     card = FunctionCard(NAME, hashlib.sha256(b"blank").hexdigest(), NAME, "uint8", NAME, {})
 
     def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """See `PerceptionFunction`."""
         predicted = np.zeros(picture.shape[:2], np.uint8)
-        predicted[picture[..., 0] < 128] = PERSON.train_id
+        predicted[picture[..., 0] < 128 + 255 * _shift()] = PERSON.train_id
         return predicted
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+def _numeric_class() -> str:
+    return os.environ.get(_CLASS, NUMERIC_CLASS)
+
+
+def _shift() -> float:
+    return float(os.environ.get(_SHIFT, "0"))
 
 
 def _square(view: View) -> Rectangle:

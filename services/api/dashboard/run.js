@@ -175,11 +175,14 @@ export function fileLink(text, path, name, page = false) {
 }
 
 function specSection(run) {
-  const pins = run.pins ? [["Image", run.pins.engine], ["Ground truth", run.pins.truth], ...Object.entries(run.pins.functions ?? {})] : [];
+  const render = run.pins?.render ?? [run.pins], infer = run.pins?.infer ?? [run.pins];
+  const joined = (offers) => [...new Set(offers.filter(Boolean).map((offer) => offer.numeric_class))].join(" or ");
+  const pins = run.pins ? [["Image", joined(render.map((one) => one.engine))], ["Ground truth", joined(render.map((one) => one.truth))],
+    ...Object.entries(run.pins.functions ?? {}).map(([name, pin]) => [name, joined(infer.map((one) => one.functions[name] ?? pin))])] : [];
   return h("details", { class: "card spec" }, h("summary", {}, h("h2", {}, "Spec and provenance")),
     h("dl", { class: "facts" },
       [["Spec digest", run.spec_digest], ["Asset digest", run.asset_digest], ["Parent run", run.parent_run], ["Iteration", run.parent_run ? run.iteration : null],
-        ...pins.map(([name, pin]) => [name, pin?.numeric_class])].filter(([, text]) => text !== null && text !== undefined)
+        ...pins].filter(([, text]) => text !== null && text !== undefined)
         .map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "mono" }, name === "Parent run" ? h("a", { href: `#/runs/${text}` }, text) : String(text))))),
     h("pre", { tabindex: "0" }, JSON.stringify(run.spec, null, 2)));
 }

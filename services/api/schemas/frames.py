@@ -8,6 +8,7 @@ from services.api.schemas.base import (
     ASSIGNMENT,
     FRAME_ID,
     FUNCTION,
+    NUMERIC_CLASS,
     RUN_ID,
     UNITS,
     Digest,
@@ -18,6 +19,7 @@ from services.api.schemas.base import (
 from valerie.measures import OF_PERSON, Source
 from valerie.parameters.definitions import Value
 
+_INFER_CLASS = "openvino-2026.4.1-cpu-fp32-amx-t1"
 _STATE = "done, failed, or the state of the slowest of its products"
 _IMAGE = f"/v1/frames/{FRAME_ID}/image"
 _BOX = [516, 242, 552, 371]
@@ -72,6 +74,7 @@ class FrameEvaluation(measured(Source.FRAME_SCORE)):  # type: ignore[misc]  # li
     prediction: Digest
     scores: Digest
     state: str = Field(description=_STATE, examples=["done"])
+    infer_class: str = Field(description="numeric class of the prediction", examples=[_INFER_CLASS])
     fp: int | None = Field(
         description="pixels predicted as person that belong to none; null until done", examples=[310]
     )
@@ -120,6 +123,8 @@ class FrameDetail(FrameRead):
         description="of the variant, and the places of moving things at the frame's time", examples=[ASSIGNMENT]
     )
     units: dict[str, str] = Field(description="path to unit of a parameter that has one", examples=[UNITS])
+    render_class: str = Field(description="numeric class of the image", examples=[NUMERIC_CLASS])
+    truth_class: str = Field(description="numeric class of the ground truth", examples=[NUMERIC_CLASS])
     annotations: dict[str, str] = Field(
         description="kind to digest of the annotations that the run makes", examples=[{}]
     )

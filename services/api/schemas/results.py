@@ -17,7 +17,10 @@ from valerie.measures import Source
 
 
 class EvaluationRow(measured(*Source)):  # type: ignore[misc]  # the fields are those of the measures
-    """One person in one evaluation; further members are the run's varied parameters, named by their paths."""
+    """One person in one evaluation; further members are the run's varied parameters, named by their paths.
+
+    In a run that accepts several numeric classes also ``render_class``, ``truth_class`` and ``infer_class``.
+    """
 
     model_config = ConfigDict(extra="allow")
 

@@ -8,7 +8,7 @@ from pydantic import Field, JsonValue
 
 from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, NextCursor, Read
 from valerie.runs.moments import Moment
-from valerie.runs.products.pins import Pins
+from valerie.runs.products.pins import AnyPins
 from valerie.runs.products.ready import ProductError
 from valerie.runs.products.states import Priority, RunState, Stage
 
@@ -71,7 +71,7 @@ class RunRead(Read):
     rejected_count: int = Field(examples=[0])
     priority: Priority = Field(examples=["normal"])
     project: str = Field(description="of the token that submitted it; empty: none", examples=["radar"])
-    pins: Pins | None = Field(
+    pins: AnyPins | None = Field(
         description="engines and functions in the numeric classes that the run keeps from its start; null before",
         examples=[{"engine": _OFFER, "truth": {**_OFFER, "name": "truth"}, "functions": {}}],
     )

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from valerie.analysis.rows.design import UNKNOWN, Design, position_paths
 from valerie.errors import CorruptArtifact, InvalidInput, UnknownName
-from valerie.measures import MEASURES, ColumnType, Measure, Row
+from valerie.measures import CLASS_COLUMNS, MEASURES, ColumnType, Measure, Row
 from valerie.plain import typed
 from valerie.statistics.units import EVEN, Estimand, Units, sampling_units
 
@@ -65,7 +65,8 @@ class Codes:
 class EvaluationTable:
     """One row per (frame, sensor setting, function, person instance); immutable.
 
-    Columns are the measures, then one column per varied parameter, named by its path. A frame without any person has one
+    Columns are the measures, then one column per varied parameter, named by its path, then `CLASS_COLUMNS` if a run accepts
+    several numeric classes. A frame without any person has one
     row per (sensor, function) with ``undefined_reason`` "absent", so that its false positives are counted.
 
     Attributes:
@@ -79,7 +80,7 @@ class EvaluationTable:
     ) -> None:
         self.parameters: Mapping[str, str] = {path: str(kind) for path, kind in parameters.items()}
         self.designs: Mapping[str, Design] = dict(designs or {})
-        self.arrow = _conform(arrow, schema_of(self.parameters))
+        self.arrow = _conform(arrow, schema_of(self.parameters, arrow.column_names))
         _check(self.arrow)
 
     @classmethod
@@ -95,7 +96,7 @@ class EvaluationTable:
             UnknownName: a column is neither a measure nor a parameter.
             InvalidInput: a column is missing, has the wrong type or breaks a rule of its measure.
         """
-        schema = schema_of(parameters)
+        schema = schema_of(parameters, columns)
         for name in columns:
             if name not in schema.names:
                 raise UnknownName("column", name, schema.names)
@@ -118,20 +119,20 @@ class EvaluationTable:
             UnknownName: a key is neither a measure nor a parameter.
             InvalidInput: as for `from_columns`.
         """
-        schema = schema_of(parameters)
-        names = frozenset(schema.names)
         batches: list[pa.Table] = []
         for batch in _batches(rows):
-            for key in frozenset().union(*batch) - names:
-                raise UnknownName("column", key, names)
+            keys = frozenset[str]().union(*batch)
+            schema = schema_of(parameters, keys)
+            for key in keys - frozenset(schema.names):
+                raise UnknownName("column", key, schema.names)
             arrays = [
                 _array(name, [row.get(name) for row in batch], without_codes(schema.field(name).type))
                 for name in schema.names
             ]
             batches.append(pa.table(arrays, names=schema.names))
         if not batches:
-            return cls(schema.empty_table(), parameters, designs)
-        return cls(pa.concat_tables(batches), parameters, designs)
+            return cls(schema_of(parameters).empty_table(), parameters, designs)
+        return cls(pa.concat_tables(batches, promote_options="default"), parameters, designs)
 
     @classmethod
     def from_parquet(cls, source: Path | BinaryIO | pa.BufferReader) -> Self:
@@ -166,7 +167,8 @@ class EvaluationTable:
                 limit="the same parameters in all",
             )
         designs = {run: design for table in tables for run, design in table.designs.items()}
-        return cls(pa.concat_tables([table.arrow for table in tables]), tables[0].parameters, designs)
+        rows = pa.concat_tables([table.arrow for table in tables], promote_options="default")
+        return cls(rows, tables[0].parameters, designs)
 
     def to_parquet(self, sink: Path | BinaryIO) -> None:
         """Write a zstd-compressed Parquet file; its metadata contains the types of the parameters and the designs."""
@@ -351,8 +353,8 @@ class EvaluationTable:
         return self.arrow[name]
 
 
-def schema_of(parameters: Mapping[str, str]) -> pa.Schema:
-    """Return the Arrow schema: the measures, then one column per parameter.
+def schema_of(parameters: Mapping[str, str], present: Iterable[str] = ()) -> pa.Schema:
+    """Return the Arrow schema: the measures, one column per parameter, and those `CLASS_COLUMNS` that are ``present``.
 
     Raises:
         UnknownName: a parameter has an unknown type.
@@ -366,7 +368,8 @@ def schema_of(parameters: Mapping[str, str]) -> pa.Schema:
         if str(kind) not in PARAMETER_COLUMNS:
             raise UnknownName("parameter type", str(kind), PARAMETER_COLUMNS, field=path)
         fields.append(pa.field(path, PARAMETER_COLUMNS[str(kind)]))
-    return pa.schema(fields)
+    present = frozenset(present)
+    return pa.schema([*fields, *(pa.field(name, _NAME) for name in CLASS_COLUMNS if name in present)])
 
 
 def encoded(table: pa.Table, suffix: str) -> bytes:

@@ -16,7 +16,7 @@ from valerie.analysis.wording import ALIKE_PLACES, counted, points
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.plain import JsonObject
 from valerie.runs.document.differing import FREE, differing_fields
-from valerie.runs.products.pins import Pins
+from valerie.runs.products.pins import Pins, inference_part, numeric_classes
 from valerie.runs.resolving.spec import RunSpec
 from valerie.statistics.gates import EFFECT, Gate, SliceComparison, compare_versions, places_for_gate
 from valerie.statistics.verdicts import Outcome
@@ -270,9 +270,9 @@ def _require_same_frames(run: GateRun, baseline: GateRun) -> None:
 def _require_one_class(run: GateRun, version: str, other: GateRun, reference: str) -> bool:
     classes = [
         {
-            "image": side.pins.engine.numeric_class,
-            "ground truth": side.pins.truth.numeric_class,
-            "inference": side.pins.functions[name].numeric_class,
+            "image": (parts := numeric_classes(side.pins))["image"],
+            "ground truth": parts["ground truth"],
+            "inference": parts[inference_part(name)],
         }
         for side, name in ((run, version), (other, reference))
     ]

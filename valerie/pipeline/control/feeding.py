@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -20,10 +20,11 @@ from valerie.db.totals import UPLOADED_GROUP
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.inputs import ProductInputs
-from valerie.runs.products.pins import FunctionPin
+from valerie.runs.products.pins import FunctionPin, Pins
 from valerie.runs.products.ready import Ready
 from valerie.runs.products.states import EVAL_QUEUE, UPLOADED_ROUTE, ProductKind, RunState
 from valerie.runs.products.turns import Turns
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.settings import Settings
 
 #: A block ends with the variant that brings it to this many products: small enough for a short transaction, large enough to
@@ -59,6 +60,24 @@ class _Target(NamedTuple):
         return cls(pin.route, pin.digest[:32], UPLOADED_GROUP if pin.route == UPLOADED_ROUTE else "")
 
 
+class _Making(NamedTuple):
+    """What the frames of some pins are made of, and where."""
+
+    digests: ProductInputs
+    engine_route: str
+    truth_route: str
+    targets: Sequence[_Target]
+
+    @classmethod
+    def of(cls, resolved: ResolvedRun, run: RunRow, pins: Pins) -> _Making:
+        return cls(
+            ProductInputs(resolved, asset_digest=run.asset_digest, pins=pins, tenant=run.tenant),
+            pins.engine.route,
+            pins.truth.route,
+            [_Target.of(pins.functions[name]) for name in resolved.spec.functions],
+        )
+
+
 class Feeder:
     """Writes the rows of one run, block after block; deterministic, so the successor of a killed process writes the same.
 
@@ -72,7 +91,10 @@ class Feeder:
         self._weight = run.priority.weight
         stored = resolve_stored(run, settings)
         self._resolved, self._pins = stored.resolved, stored.pins
-        self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins, tenant=run.tenant)
+        self._making = {
+            id(pins): _Making.of(self._resolved, run, pins)  # which the run's pins keep
+            for pins in self._pins.combinations()
+        }
 
     def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> WrittenBlock:
         """Write the block that begins at variant ``first``, unless another process did or the run was stopped.
@@ -107,8 +129,6 @@ class Feeder:
     def _rows(self, first: int, limit: float) -> _BlockRows:
         run_id, resolved = self._run_id, self._resolved
         places = [(t, c) for t in range(len(resolved.times.elapsed)) for c in range(len(resolved.cameras))]
-        engine_route, truth_route = self._pins.engine.route, self._pins.truth.route
-        targets = [_Target.of(self._pins.functions[name]) for name in resolved.spec.functions]
         rows = _BlockRows()
         want = rows.wanted.setdefault
         last = min(first + BLOCK_VARIANTS, self._count)
@@ -120,9 +140,10 @@ class Feeder:
             if reason is not None:
                 rows.rejected += 1
                 continue
+            digests, engine_route, truth_route, targets = self._making[id(self._pins.at(assignment))]
             for time, camera in places:
                 moment = resolved.at(assignment, time)
-                frame = self._inputs.frame(moment, camera, course=resolved.around(assignment, time))
+                frame = digests.frame(moment, camera, course=resolved.around(assignment, time))
                 background, layer, truth = frame.products.required
                 want(background, Wanted(background, ProductKind.BACKGROUND, engine_route, background))
                 want(layer, Wanted(layer, ProductKind.LAYER, engine_route, background))

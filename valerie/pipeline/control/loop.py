@@ -28,10 +28,12 @@ from valerie.errors import (
     TransientError,
     ValerieError,
 )
+from valerie.parameters.space import ParameterSpace
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import QUOTA_REASON, STORAGE_REASON, pause_for_storage
-from valerie.pipeline.base.pinning import PinChoice, choose_pins
+from valerie.pipeline.base.pinning import PinChoice, pins_for
+from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.base.sending import send_ready
 from valerie.pipeline.control import feeding, webhooks
 from valerie.pipeline.control.lifecycle import resume
@@ -159,7 +161,7 @@ class ControlLoop:
         """Start the runs whose engine and functions living workers offer, and pin the offers."""
         with reading(self._context.engine) as connection:
             waiting = runs.in_states(connection, (RunState.SUBMITTED,))
-            offers = processes.offers(connection, now=now) if waiting else []
+            offers = processes.offers_by_worker(connection, now=now) if waiting else []
         for run in waiting:
             pins, reason = self._pins(run, offers) if run.pins is None else PinChoice(run.pins, None)
             with writing(self._context.engine) as connection:
@@ -176,19 +178,23 @@ class ControlLoop:
                         started_at=run.started_at or database_moment(connection),
                     )
 
-    def _pins(self, run: RunRow, offers: Sequence[Offer]) -> PinChoice:
+    def _pins(self, run: RunRow, offers: Sequence[Sequence[Offer]]) -> PinChoice:
         """Choose pins; a run whose function was removed before the start fails, since it would wait for ever."""
         names = run.spec.functions
         try:
             with reading(self._context.engine) as connection:
                 registry.require_known(connection, names)
                 registered = registry.known(connection, names)
+
+                def space() -> ParameterSpace:
+                    return resolve_stored(run, self._settings).resolved.space
+
+                return pins_for(connection, run.spec, offers, registered, space)
         except TransientError:
             raise
         except ValerieError as error:
             self._fail(run.id, str(error), expected=RunState.SUBMITTED)
             return PinChoice(None, str(error))
-        return choose_pins(run.spec, offers, registered)
 
     def _feed(self, running: Sequence[RunRow], now: float) -> bool:
         """Write the next block of each run with variants left and room in the window; return True if there may be more.

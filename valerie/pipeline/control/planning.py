@@ -13,13 +13,13 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.training_data import has_seen
 from valerie.perception.shipped import FUNCTIONS, function_document
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pinning import choose_pins
+from valerie.pipeline.base.pinning import pins_for
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.control import quotas
 from valerie.pipeline.functions import registry
 from valerie.runs.forecasting.costs import Cost, CostKey, CostTable
 from valerie.runs.forecasting.forecast import EXACT_FRAMES, Plan, plan
-from valerie.runs.products.pins import Pins
+from valerie.runs.products.pins import Pins, TolerantPins, numeric_classes
 from valerie.runs.products.states import EVAL_QUEUE, ProductKind
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 from valerie.scene.assets.asset import is_generated, pack_settings, parse_reference
@@ -38,11 +38,11 @@ def plan_run(context: Context, spec: RunSpec, *, owner: str | None = None, proje
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
     with reading(context.engine) as connection:
-        offers = processes.offers(connection, now=database_time(connection))
+        offers = processes.offers_by_worker(connection, now=database_time(connection))
         registered = registry.known(connection, spec.functions)
         names = registry.names(connection, registered)
         resolved = resolve_new(spec, context.settings, registered=names)
-        pins = choose_pins(spec, offers, registered).pins
+        pins = pins_for(connection, spec, offers, registered, lambda: resolved.space).pins
         twin = runs.latest_of(connection, resolved.spec.digest, project=project)
         made = _planned(connection, resolved, pins, context.settings.tenant_of(project), EXACT_FRAMES)
         refusals = quotas.refusals(
@@ -53,7 +53,8 @@ def plan_run(context: Context, spec: RunSpec, *, owner: str | None = None, proje
     if twin is not None:
         warnings += (f"run {twin} has this spec already, and another one has the same results",)
     warnings += tuple(f"it would be refused: {reason}" for reason in refusals)
-    return made.model_copy(update={"warnings": warnings})
+    notes = (*made.notes, *_on_classes(pins))
+    return made.model_copy(update={"warnings": warnings, "notes": notes})
 
 
 def forecast(connection: Connection, resolved: ResolvedRun, pins: Pins | None, tenant: str) -> Cost:
@@ -67,6 +68,12 @@ def _planned(connection: Connection, resolved: ResolvedRun, pins: Pins | None, t
 
     costs = _costs(resolved, pins, totals.recorded_costs(connection))
     return plan(resolved, pins=pins, tenant=tenant, present=present, costs=costs, exact_frames=exact_frames)
+
+
+def _on_classes(pins: Pins | None) -> Iterator[str]:
+    """Yield a note on the numeric classes that a run with tolerance would pin."""
+    if isinstance(pins, TolerantPins):
+        yield "reproducible: tolerance: " + "; ".join(f"{part}: {text}" for part, text in numeric_classes(pins).items())
 
 
 def _on_training_sites(spec: RunSpec, documents: Mapping[str, FunctionDocument]) -> Iterator[str]:

@@ -11,7 +11,7 @@ from valerie.db.runs import SubmittedRun
 from valerie.errors import NotFound, QuotaExceeded
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pinning import choose_pins
+from valerie.pipeline.base.pinning import pins_for
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.control.planning import forecast
 from valerie.pipeline.control.quotas import limits_costs, require_quota, spent_by
@@ -49,13 +49,13 @@ def submit(
     """
     with reading(context.engine) as connection:
         now = database_time(connection)
-        offers = processes.offers(connection, now=now)
+        offers = processes.offers_by_worker(connection, now=now)
         registered = registry.known(connection, spec.functions)
         names = registry.names(connection, registered)
     resolved = resolve_new(spec, context.settings, registered=names)
-    pins, reason = choose_pins(spec, offers, registered)
     tenant, expected = context.settings.tenant_of(project), None
     with reading(context.engine) as connection:
+        pins, reason = pins_for(connection, spec, offers, registered, lambda: resolved.space)
         if limits_costs(context.settings, owner, project):
             expected = forecast(connection, resolved, pins, tenant)
         spent = spent_by(connection, context.settings, [(owner, project)])

@@ -55,6 +55,7 @@ from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.reports import read_odd
 from valerie.pipeline.reading.selection import function_index, sensor_index
 from valerie.plain import typed
+from valerie.runs.products.pins import TolerantPins
 
 #: Bytes per pixel of a picture and of a painted class map, as PNG; rounded up.
 _PICTURE_BYTES, _MAP_BYTES = 2.5, 0.3
@@ -154,6 +155,8 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
         (partial / ODD_JSON).write_bytes(document_bytes(odd_json(coverage)))
         (partial / ODD_CSV).write_bytes(encoded(odd_table(coverage), "csv"))
         descriptions = _DOCUMENTS | {name: _ERROR_MODEL_FILES[Path(name).suffix] for name in models}
+        if isinstance(stored.pins, TolerantPins):
+            descriptions[PINS] += f"; the run accepts all classes that agree in {stored.pins.bounds.text}"
         entries = []
         for frame in named:
             entry = _write_frame(context, stored, frame, partial)

@@ -14,7 +14,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from pydantic import BaseModel, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from valerie.db import runs
 from valerie.db.engine import writing
@@ -35,14 +35,14 @@ from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
 from valerie.runs.products.pictures import PictureKind
-from valerie.runs.products.pins import Pins
+from valerie.runs.products.pins import ANY_PINS
 from valerie.runs.products.states import Priority, ProductKind, RunState
 from valerie.runs.resolving.spec import parse
 from valerie.settings import Settings
 
 EQUAL: Final = "equal"
 DIFFERS: Final = "differs"
-Model = TypeVar("Model", bound=BaseModel)
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ def replay(folder: Path, count: int, settings: Settings) -> list[ReplayedPicture
     Raises:
         Refused: a document of the folder is not valid.
     """
-    entries = _document(folder, FRAMES, FrameList).frames
+    entries = _document(folder, FRAMES, TypeAdapter(FrameList)).frames
     sample = [entries[i] for i in sorted(SystemRandom().sample(range(len(entries)), min(count, len(entries))))]
     if not sample:
         return []
@@ -93,7 +93,7 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
     Raises:
         ValerieError: the run's asset, engine or functions are missing here, or the asset changed.
     """
-    facts, pins = _document(folder, RUN, RunFacts), _document(folder, PINS, Pins)
+    facts, pins = _document(folder, RUN, TypeAdapter(RunFacts)), _document(folder, PINS, ANY_PINS)
     spec = parse(read_document(folder, SPEC))
     if spec.digest != facts.spec_digest:
         raise Refused([f"{RUN}: its digest of the spec is not that of {SPEC}"])
@@ -137,7 +137,6 @@ class _Frames:
     def __init__(self, context: Context, run: StoredRun) -> None:
         self._run, self._reader = run, ProductReader(context.store)
         self._render, self._infer = RenderMaker(context), InferMaker(context)
-        self._inputs = ProductInputs(run.resolved, asset_digest=run.resolved.asset_digest, pins=run.pins)
 
     def compare(self, folder: Path, entry: FrameEntry) -> Iterator[ReplayedPicture]:
         """Yield the pictures of a frame: rendered ones first."""
@@ -183,7 +182,8 @@ class _Frames:
         if not known:
             raise Refused([f"{FRAMES}: {entry.place} is not a frame of the spec"])
         ((_, assignment),) = resolved.space.values(entry.variant, entry.variant + 1)
-        digests = self._inputs.frame(
+        inputs = ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=self._run.pins.at(assignment))
+        digests = inputs.frame(
             resolved.at(assignment, entry.time), entry.camera, course=resolved.around(assignment, entry.time)
         )
         key = FrameKey(self._run.id, entry.variant, entry.camera, entry.time)
@@ -209,9 +209,9 @@ def _shows(folder: Path, file: str, pixels: NDArray[np.uint8]) -> bool:
         raise Refused([f"{file}: not a PNG picture ({error})"]) from None
 
 
-def _document(folder: Path, name: str, model: type[Model]) -> Model:
+def _document(folder: Path, name: str, form: TypeAdapter[T]) -> T:
     try:
-        return model.model_validate_json(read_document(folder, name))
+        return form.validate_json(read_document(folder, name))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise Refused([f"{name}: {'.'.join(map(str, first['loc']))}: {first['msg']}"]) from None

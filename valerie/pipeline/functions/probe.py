@@ -1,4 +1,4 @@
-"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: print this machine's offers as one line of JSON.
+"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: print this machine's offers and specimens as JSON.
 
 It runs as a separate process, since a driver may crash and a worker's supervising process never loads GL or torch. There is one
 for each engine, so it imports neither database nor planning.
@@ -19,7 +19,8 @@ from valerie.perception.documents.function import PRECISIONS, FunctionDocument
 from valerie.perception.running.small_network import small_onnx
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
 from valerie.pipeline.functions.opening import open_function_document, open_installed
-from valerie.runs.products.pins import OFFERS, TRUTH, AnyOffer, FunctionOffer, Offer
+from valerie.pipeline.functions.specimen_making import Specimens, add_image, add_prediction, add_truth
+from valerie.runs.products.pins import TRUTH, AnyOffer, FunctionOffer, Offer, Probed
 from valerie.runs.products.states import Stage, route_of
 from valerie.settings import load_settings
 
@@ -27,15 +28,20 @@ from valerie.settings import load_settings
 HTTP: Final = "http"
 
 
-def probe_engine(name: str) -> list[AnyOffer]:
-    """Return the offers of one render engine and of the truth pass beside it."""
+def probe_engine(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
+    """Return the offers of one render engine and of the truth pass beside it; add their specimens to ``specimens``."""
     renderer = plugins.create_renderer(name)
     try:
         engine = _rendering(name, renderer.numeric_class, renderer.revision)
+        if specimens is not None:
+            add_image(specimens, engine, renderer)
     finally:
         renderer.close()
-    truth = plugins.create_truth_pass(name if name == plugins.TESTING_ENGINE else "")
-    return [engine, _rendering(TRUTH, truth.numeric_class, truth.revision)]
+    truth_pass = plugins.create_truth_pass(name if name == plugins.TESTING_ENGINE else "")
+    truth = _rendering(TRUTH, truth_pass.numeric_class, truth_pass.revision)
+    if specimens is not None:
+        add_truth(specimens, truth, truth_pass)
+    return [engine, truth]
 
 
 def _rendering(name: str, numeric_class: str, revision: int) -> Offer:
@@ -48,31 +54,38 @@ def _rendering(name: str, numeric_class: str, revision: int) -> Offer:
     )
 
 
-def probe_function(name: str) -> list[AnyOffer]:
-    """Return the offer of an installed function under test, or of an inference engine (see `inference_names`)."""
+def probe_function(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
+    """Return the offer of an installed function under test, or of an inference engine (see `inference_names`).
+
+    Its specimen is added to ``specimens``.
+    """
     if name in inference_names():
-        return probe_inference(name)
+        return probe_inference(name, specimens)
     settings = load_settings()
     function = open_installed(name, settings, threads=settings.inference_threads)
     try:
         card = function.card
-        return [
-            FunctionOffer(
-                stage=Stage.INFER,
-                name=name,
-                numeric_class=function.numeric_class,
-                revision=function.revision,
-                route=route_of(Stage.INFER, function.numeric_class),
-                digest=card.digest,
-                card=card,
-            )
-        ]
+        offer = FunctionOffer(
+            stage=Stage.INFER,
+            name=name,
+            numeric_class=function.numeric_class,
+            revision=function.revision,
+            route=route_of(Stage.INFER, function.numeric_class),
+            digest=card.digest,
+            card=card,
+        )
+        if specimens is not None:
+            add_prediction(specimens, offer, function)
+        return [offer]
     finally:
         function.close()
 
 
-def probe_inference(name: str) -> list[AnyOffer]:
-    """Return the offer of an inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
+def probe_inference(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
+    """Return the offer of an inference engine in one precision, for registered functions: ``torch/bf16``, ``http``.
+
+    The specimen of its small network is added to ``specimens``; functions behind HTTP have none.
+    """
     settings = load_settings()
     if name == HTTP:
         if not settings.http_addresses:
@@ -86,7 +99,10 @@ def probe_inference(name: str) -> list[AnyOffer]:
         document, path = _sample(engine, precision, Path(folder))
         function = open_function_document(document, path, settings, threads=settings.inference_threads)
         try:
-            return [_inference(name, function.numeric_class, function.revision)]
+            offer = _inference(name, function.numeric_class, function.revision)
+            if specimens is not None:
+                add_prediction(specimens, offer, function)
+            return [offer]
         finally:
             function.close()
 
@@ -116,24 +132,25 @@ def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument
     return small_onnx(folder, engine=engine, precision=precision)
 
 
-_PROBES: Final[dict[str, Callable[[str], Sequence[AnyOffer]]]] = {
+_PROBES: Final[dict[str, Callable[[str, Specimens], Sequence[AnyOffer]]]] = {
     Stage.RENDER: probe_engine,
     Stage.INFER: probe_function,
 }
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the offers of all names that work, and errors to standard error; return 1 only if nothing works."""
+    """Print offers and specimens of all names that work, and errors to standard error; return 1 only if nothing works."""
     stage, *names = arguments
     offers: list[AnyOffer] = []
+    specimens: Specimens = {}
     for name in names:
         try:
-            offers += _PROBES[stage](name)
+            offers += _PROBES[stage](name, specimens)
         except ValerieError as error:
             print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
         except Exception as error:  # a defect of one plug-in must not hide the others
             print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
-    print(OFFERS.dump_json(tuple(offers)).decode())  # noqa: T201
+    print(Probed(offers=tuple(offers), specimens=specimens).model_dump_json())  # noqa: T201
     return 0 if offers else 1
 
 

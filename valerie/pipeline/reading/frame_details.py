@@ -18,7 +18,6 @@ from valerie.labels import PERSON, TRAIN_NAMES
 from valerie.measures import Measures, Source, names_from
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.reading.tables import character_of
 from valerie.runs.products.frame_keys import FrameKey
@@ -101,6 +100,7 @@ class EvaluationDetails:
         sensor, function: their names.
         prediction, scores: digests.
         state: ``done``, ``failed``, or the state of the slower product.
+        infer_class: numeric class of the prediction.
         measures: scores of the class person and of the frame; None until done.
         called_instead: class that missed pixels of persons are called, to their number, most first.
         judged_by: classes of the scores over all classes; empty: all.
@@ -113,6 +113,7 @@ class EvaluationDetails:
     prediction: str
     scores: str
     state: str
+    infer_class: str
     measures: Measures
     called_instead: Mapping[str, int]
     judged_by: Sequence[str]
@@ -152,6 +153,7 @@ class FrameDetails(FrameSummary):
         sequence: None if each variant and camera has one frame.
         assignment: path to value, of the variant and at the frame's time.
         units: parameter path to unit, where there is one.
+        render_class, truth_class: numeric classes of image and ground truth.
         annotations: kind to product.
         persons: the visible persons; in a scene without persons, one with instance 0.
         evaluations: one per sensor setting and function.
@@ -166,6 +168,8 @@ class FrameDetails(FrameSummary):
     sequence: FrameSequence | None
     assignment: Assignment
     units: dict[str, str]
+    render_class: str
+    truth_class: str
     annotations: Mapping[str, str]
     persons: tuple[PersonDetails, ...]
     evaluations: tuple[EvaluationDetails, ...]
@@ -210,7 +214,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         neighbours = tuple(_neighbours(connection, key, resolved))
     lights = {person.instance_id: person.measures for person in lit}
     kinds = (*FRAME_KINDS, *(kind for kind in annotations if kind in ANNOTATION_KINDS))
-    step = resolved.times.step
+    step, pins = resolved.times.step, run.pins.at(frame.assignment)
     summary = _summary(frame, states, resolved)
     return FrameDetails(
         id=summary.id,
@@ -229,6 +233,8 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         sequence=None if step is None else FrameSequence(len(resolved.times.elapsed), step),
         assignment={**frame.assignment, **resolved.at(frame.assignment, key.time)},
         units={d.path: "°" if d.unit == "deg" else d.unit for d in resolved.definitions if d.unit},
+        render_class=pins.engine.numeric_class,
+        truth_class=pins.truth.numeric_class,
         annotations={kind: link.product for kind, link in annotations.items()},
         persons=tuple(
             PersonDetails(
@@ -240,7 +246,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
             )
             for person in persons
         ),
-        evaluations=tuple(_evaluation(key, row, scores[row.scores], run, address) for row in evaluations),
+        evaluations=tuple(_evaluation(frame, row, scores[row.scores], run, address) for row in evaluations),
         images={kind: address(key, kind=kind) for kind in kinds},
         previous=None if previous is None else str(previous),
         next=None if following is None else str(following),
@@ -297,10 +303,11 @@ def _called_instead(confusion: bytes) -> dict[str, int]:
 
 
 def _evaluation(
-    key: FrameKey, row: FrameEvaluation, persons: Sequence[MeasuredPerson], run: StoredRun, address: Address
+    frame: StoredFrame, row: FrameEvaluation, persons: Sequence[MeasuredPerson], run: StoredRun, address: Address
 ) -> EvaluationDetails:
     sensor = run.resolved.spec.sensors[row.sensor_index].name
     function = run.resolved.spec.functions[row.function_index]
+    pin = run.pins.at(frame.assignment).functions[function]
     return EvaluationDetails(
         sensor=sensor,
         function=function,
@@ -308,12 +315,13 @@ def _evaluation(
         scores=row.scores,
         # Scores stay where the prediction was removed.
         state=_state((row.scores_state,) if row.score else (row.prediction_state, row.scores_state)),
+        infer_class=pin.numeric_class,
         measures=_UNSCORED if row.score is None else row.score.figures,
         called_instead={} if row.score is None else _called_instead(row.score.confusion),
-        judged_by=pinned_card(run.pins, function).judged_by,
+        judged_by=pin.card.judged_by,
         persons=persons,
         images={
-            kind: address(key, kind=kind, function=function, sensor=sensor)
+            kind: address(frame.key, kind=kind, function=function, sensor=sensor)
             for kind in (PictureKind.PICTURE, *FUNCTION_KINDS)
         },
     )

@@ -44,6 +44,7 @@ from valerie.runs.document.differing import FREE, differing
 from valerie.runs.moments import duration
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
+from valerie.runs.products.pins import Pins, TolerantPins, inference_part, numeric_classes
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import ProductKind, RunState
 from valerie.runs.resolving.spec import ResolvedRun
@@ -289,8 +290,8 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
                 spent[kind] += seconds
     submitted = min(row.created_at for row in results.runs)
     finished, own = max(row.finished_at or now for row in results.runs), environment()
-    classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
-    classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
+    classes = numeric_classes(pins)
+    parts = ("image", "ground truth", *map(inference_part, spec.functions))
     provenance = Provenance(
         run_id=run.id,
         spec_digest=run.spec_digest,
@@ -299,7 +300,7 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
         asset_digest=run.asset_digest,
         renderer=_renderer(resolved, pins.engine.revision),
         resolution=(spec.resolution.width, spec.resolution.height),
-        numeric_classes=classes,
+        numeric_classes={part: classes[part] for part in parts},
         functions=tuple(results.cards.values()),
         software=software(),
         submitted=submitted,
@@ -311,6 +312,7 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
             "Report written on": f"{own.system} {own.machine}, {own.python}",
             "Parent run": run.parent_run or "none",
             "Iteration": str(run.iteration),
+            **_tolerance(pins),
             **_sample(results),
         },
     )
@@ -332,6 +334,15 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
         picture=_Pictures(context),
         odd=read_odd(resolved, results.table),
     )
+
+
+def _tolerance(pins: Pins) -> dict[str, str]:
+    """Return the bounds of a run with tolerance: title to text."""
+    if not isinstance(pins, TolerantPins):
+        return {}
+    return {
+        "Reproducible": f"within a tolerance: one numeric class for each place, of those that agree in {pins.bounds.text}"
+    }
 
 
 def _sample(results: RunResults) -> dict[str, str]:

@@ -21,7 +21,7 @@ from valerie.db.long_table import LongRow, Piece
 from valerie.db.models import Assignment
 from valerie.errors import Conflict, InvalidInput
 from valerie.labels import PERSON
-from valerie.measures import Cell, Measures, TableRow
+from valerie.measures import CLASS_COLUMNS, Cell, Measures, TableRow
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
@@ -29,6 +29,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.runs.document.differing import differing
 from valerie.runs.products.frame_keys import FrameKey
+from valerie.runs.products.pins import Pins, TolerantPins
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import is_generated
 from valerie.scene.variation.conditions import conditions
@@ -95,6 +96,13 @@ def _table_columns(
     columns["instance_id"] = [instance or None for instance in instances]
     for name in _PIXELS:
         columns[name] = [value if instance else None for value, instance in zip(measures[name], instances, strict=True)]
+    if isinstance(run.pins, TolerantPins):
+        by_variant = {variant: run.pins.at(assignments[variant]) for variant in dict.fromkeys(variants)}
+        made = [
+            _classes(by_variant[variant], spec.functions[index])
+            for variant, index in zip(variants, functions, strict=True)
+        ]
+        columns |= {name: [row[name] for row in made] for name in CLASS_COLUMNS}
     columns["sensor"] = [spec.sensors[index].name for index in sensors]
     columns["function"] = [spec.functions[index] for index in functions]
     for name in ("tp", "fn"):  # an absent person has no counts
@@ -194,7 +202,18 @@ def table_row(row: LongRow, run: StoredRun, varied: Iterable[str]) -> TableRow:
         "tp": row.measures["tp"] or 0,
         "fn": row.measures["fn"] or 0,
         **{path: row.assignment.get(path) for path in varied},
+        **class_columns(row.assignment, spec.functions[row.function_index], run.pins),
     }
+
+
+def class_columns(assignment: Assignment, function: str, pins: Pins) -> TableRow:
+    """Return the numeric classes that made a row, if the run accepts several."""
+    return _classes(pins.at(assignment), function) if isinstance(pins, TolerantPins) else {}
+
+
+def _classes(pins: Pins, function: str) -> TableRow:
+    offers = (pins.engine, pins.truth, pins.functions[function])
+    return {name: offer.numeric_class for name, offer in zip(CLASS_COLUMNS, offers, strict=True)}
 
 
 def frame_columns(key: FrameKey, assignment: Assignment, resolved: ResolvedRun) -> TableRow:

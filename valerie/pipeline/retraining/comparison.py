@@ -40,6 +40,7 @@ from valerie.pipeline.reading.tables import designs_of, varied_types
 from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.pipeline.retraining.weak_scenes import run_values
 from valerie.runs.products.frame_keys import FrameKey
+from valerie.runs.products.pins import inference_part, numeric_classes
 from valerie.storage import codecs
 
 
@@ -149,7 +150,7 @@ def compare_on_run(
 
 def _version(reference: str, run: StoredRun, open_function: Callable[[str], PerceptionFunction]) -> _Version:
     if reference in run.resolved.spec.functions:
-        card, numeric_class = pinned_card(run.pins, reference), run.pins.functions[reference].numeric_class
+        card, numeric_class = pinned_card(run.pins, reference), numeric_classes(run.pins)[inference_part(reference)]
         return _Version(reference, True, numeric_class, frozenset(card.judged_ids))
     function = open_function(reference)
     try:

@@ -35,7 +35,7 @@ from valerie.pipeline.base.requests import BROKER_LOST
 from valerie.pipeline.work.asking import ask_for_work
 from valerie.pipeline.work.child import Child
 from valerie.pipeline.work.stages import Maker
-from valerie.runs.products.pins import OFFERS, TRUTH, AnyOffer, FunctionOffer
+from valerie.runs.products.pins import TRUTH, AnyOffer, FunctionOffer, Probed
 from valerie.runs.products.states import EVAL_QUEUE, Stage
 from valerie.settings import NO_BROKER, Settings
 
@@ -48,7 +48,7 @@ _PROBE_TIMEOUT_SECONDS: Final = 120.0
 class Presence:
     """Thread that refreshes a worker's row and health file until `leave`, while Celery may fork at any time."""
 
-    def __init__(self, settings: Settings, stage: Stage, offers: Sequence[AnyOffer]) -> None:
+    def __init__(self, settings: Settings, stage: Stage, machine: Probed) -> None:
         self._engine = open_database(settings.database_url)
         self._stop = threading.Event()
         self._worker = WorkerRow(
@@ -56,10 +56,11 @@ class Presence:
             stage=stage,
             host=os.uname().nodename,
             pid=os.getpid(),
-            offers=tuple(offers),
+            offers=machine.offers,
             started_at=0.0,
             seen_at=0.0,
         )
+        self._specimens = machine.specimens
         self._health = settings.data_dir / "health" / f"{stage}-{os.uname().nodename}-{os.getpid()}"
         self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
 
@@ -97,6 +98,7 @@ class Presence:
             now = database_time(connection)
             self._worker = replace(self._worker, started_at=now, seen_at=now)
             processes.register_worker(connection, self._worker)
+            processes.keep_specimens(connection, self._specimens)
         self._health.touch()
         self._thread.start()
 
@@ -123,27 +125,31 @@ class Presence:
                 log.warning("worker.presence", reason=str(error))
 
 
-def render_offers(engines: Sequence[str]) -> list[AnyOffer]:
-    """Return the offers of render engines here. Each engine is probed in a separate process, since a driver may crash.
+def render_offers(engines: Sequence[str]) -> Probed:
+    """Return the offers of render engines here, with their specimens.
+
+    Each engine is probed in a separate process, since a driver may crash.
 
     Raises:
         MissingDependency: none of ``engines`` works here; states the reasons.
     """
     offers: list[AnyOffer] = []
+    specimens: dict[str, bytes] = {}
     complaints: list[str] = []
     for engine in engines:
         working, complaint = _probe(Stage.RENDER, [engine])
-        offers += working
+        offers += working.offers
+        specimens |= working.specimens
         if complaint:
             complaints.append(f"{engine}: {complaint}")
             log.warning("worker.engine_unavailable", engine=engine, reason=complaint)
     if not offers:
         raise MissingDependency("no render engine works on this machine: " + "; ".join(complaints))
-    return list({offer.route: offer for offer in offers}.values())
+    return Probed(offers=tuple({offer.route: offer for offer in offers}.values()), specimens=specimens)
 
 
-def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> list[AnyOffer]:
-    """Return the offers of functions and inference engines here, with their actual numeric classes.
+def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> Probed:
+    """Return the offers of functions and inference engines here, with their actual numeric classes and specimens.
 
     Args:
         functions: names of installed functions.
@@ -153,24 +159,24 @@ def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> list[AnyOf
         MissingDependency: none of ``functions`` works here; states the reason.
     """
     # One process for both, since importing an inference library takes longer than testing it.
-    offers, complaint = _probe(Stage.INFER, [*functions, *engines])
-    if not any(isinstance(offer, FunctionOffer) for offer in offers):
-        offers, complaint = _probe(Stage.INFER, functions)
-    if not offers:
+    machine, complaint = _probe(Stage.INFER, [*functions, *engines])
+    if not any(isinstance(offer, FunctionOffer) for offer in machine.offers):
+        machine, complaint = _probe(Stage.INFER, functions)
+    if not machine.offers:
         raise MissingDependency(f"no function under test works on this machine: {complaint}")
-    return offers
+    return machine
 
 
 def ailment(stage: Stage, offers: Sequence[AnyOffer]) -> str | None:
     """Test this machine again, in separate processes; return why it no longer has all of ``offers``, or None if it has."""
     names = list(dict.fromkeys(offer.name for offer in offers if offer.name != TRUTH))
     for together in [names] if stage is Stage.INFER and names else [[name] for name in names]:
-        present = _probe(stage, together).offers
+        present = _probe(stage, together).machine.offers
         for offer in offers:
             if offer.name not in together or _offers_same(present, offer):
                 continue
             alone = _probe(stage, [offer.name])  # the complaint is of this one, and no chance failure
-            if not _offers_same(alone.offers, offer):
+            if not _offers_same(alone.machine.offers, offer):
                 return f"{offer.name}: {alone.complaint or f'it is not in the numeric class {offer.numeric_class} any more'}"
     return None
 
@@ -179,35 +185,35 @@ def _offers_same(offers: Sequence[AnyOffer], offer: AnyOffer) -> bool:
     return any((other.route, other.name) == (offer.route, offer.name) for other in offers)
 
 
-class _Probed(NamedTuple):
-    """The working offers, or the reason why there are none."""
+class _Answer(NamedTuple):
+    """What works on this machine, or the reason why nothing does."""
 
-    offers: list[AnyOffer]
+    machine: Probed
     complaint: str
 
 
-def _probe(stage: Stage, names: Sequence[str]) -> _Probed:
+def _probe(stage: Stage, names: Sequence[str]) -> _Answer:
     """Run `valerie.pipeline.functions.probe`."""
     command = [sys.executable, "-m", "valerie.pipeline.functions.probe", stage, *names]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_TIMEOUT_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        return _Probed([], f"it did not answer within {_PROBE_TIMEOUT_SECONDS:g} s")
+        return _Answer(Probed(offers=()), f"it did not answer within {_PROBE_TIMEOUT_SECONDS:g} s")
     complaints = done.stderr.strip().splitlines()
     try:
-        offers = OFFERS.validate_json(done.stdout.strip().splitlines()[-1])
+        machine = Probed.model_validate_json(done.stdout.strip().splitlines()[-1])
     except (IndexError, ValueError):
-        offers = ()
-    if not offers:
-        return _Probed([], complaints[-1] if complaints else f"its process ended with {done.returncode}")
-    return _Probed(list(offers), "")
+        machine = Probed(offers=())
+    if not machine.offers:
+        return _Answer(machine, complaints[-1] if complaints else f"its process ended with {done.returncode}")
+    return _Answer(machine, "")
 
 
 def serve(
     settings: Settings,
     stage: Stage,
     *,
-    offers: Sequence[AnyOffer],
+    machine: Probed,
     register: Callable[[Celery], Child],
     open_maker: Callable[[Context], Maker],
 ) -> None:
@@ -216,7 +222,7 @@ def serve(
     Args:
         settings: settings of this deployment.
         stage: stage of its products.
-        offers: offers of this machine; their routes are the queues that are consumed.
+        machine: what this machine offers; the routes of its offers are the queues that are consumed.
         register: declares the stage's tasks on the Celery app.
         open_maker: called in the forked child, before its first task.
 
@@ -225,8 +231,8 @@ def serve(
         InvalidInput: there is no broker, and the worker shall wait for messages.
         TransientError: the database does not answer.
     """
-    presence = Presence(settings, stage, offers)
-    routes = sorted({offer.route for offer in offers}) or [EVAL_QUEUE]
+    presence = Presence(settings, stage, machine)
+    routes = sorted({offer.route for offer in machine.offers}) or [EVAL_QUEUE]
     if settings.worker_idle_seconds is not None:
         _serve_asking(settings, presence, routes, open_maker)
         return

@@ -10,9 +10,19 @@ from valerie.plain import JsonObject
 from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.values import Scalar
 
-#: Fields that change no frame.
+#: Fields that change no frame, besides the numeric class that makes it.
 FREE: Final = frozenset(
-    {"name", "description", "functions", "requirements", "detection_threshold", "retention", "parent_run", "iteration"}
+    {
+        "name",
+        "description",
+        "functions",
+        "requirements",
+        "detection_threshold",
+        "retention",
+        "reproducible",
+        "parent_run",
+        "iteration",
+    }
 )
 
 

@@ -149,6 +149,15 @@ class Retention(StrEnum):
     NUMBERS = "numbers"
 
 
+class Reproducible(StrEnum):
+    """How equal the results of another execution are."""
+
+    #: Equal bits: all work goes to workers of one numeric class.
+    BITS = "bits"
+    #: Equal within bounds: work goes to all workers whose numeric classes agree.
+    TOLERANCE = "tolerance"
+
+
 class RunSpec(Document):
     """The definition of a validation run.
 
@@ -179,6 +188,7 @@ class RunSpec(Document):
         requirements: requirements that the run is evidence for; each gets a verdict.
         retention: what the run keeps when it completes, besides its numbers: ``all`` pictures, those of ``failures``, of
             examples in the report and of one variant in 20, or only ``numbers``. What another run needs stays.
+        reproducible: ``bits`` for one numeric class; ``tolerance`` for all that agree within bounds, one for each place.
         parent_run, iteration: the run that this one refines, and the number of the iteration.
 
     Raises:
@@ -207,6 +217,7 @@ class RunSpec(Document):
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
     requirements: Annotated[tuple[RequirementDocument, ...], Field(max_length=1000)] = ()
     retention: Retention = Retention.ALL
+    reproducible: Reproducible = Reproducible.BITS
     parent_run: Name | None = None
     iteration: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
 
@@ -251,6 +262,8 @@ class RunSpec(Document):
         document: JsonObject = dump(self)
         if self.retention is Retention.ALL:
             document.pop("retention", None)
+        if self.reproducible is Reproducible.BITS:
+            document.pop("reproducible", None)
         return document
 
     def _problems_of(self, requirement: RequirementDocument, place: str) -> list[InvalidInput]:

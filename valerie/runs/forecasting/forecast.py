@@ -187,9 +187,7 @@ def plan(
         warnings.append("no running workers offer the renderer and the functions, so stored products are unknown")
     size, moments = resolved.space.size, len(resolved.times.elapsed)
     extent = _extent(resolved, exact_frames)
-    survey = _survey(
-        resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins, tenant=tenant), extent
-    )
+    survey = _survey(resolved, pins, tenant, extent)
     sampled = len(extent.variants)
     rejected = {reason: round(count * size / sampled) for reason, count in sorted(survey.rejected.items())}
     accepted = size - sum(rejected.values())
@@ -303,8 +301,12 @@ def _extent(resolved: ResolvedRun, exact_frames: int) -> _Extent:
     return _Extent(variants, looked_at, size * moments / (count * len(looked_at)))
 
 
-def _survey(resolved: ResolvedRun, inputs: ProductInputs, extent: _Extent) -> _Survey:
+def _survey(resolved: ResolvedRun, pins: Pins, tenant: str, extent: _Extent) -> _Survey:
     spec = resolved.spec
+    by_pins = {
+        id(one): ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=one, tenant=tenant)
+        for one in pins.combinations()
+    }
     survey = _Survey(
         {
             (ProductKind.BACKGROUND, spec.engine): bytearray(),
@@ -326,6 +328,7 @@ def _survey(resolved: ResolvedRun, inputs: ProductInputs, extent: _Extent) -> _S
         if reason is not None:
             survey.rejected[reason] += 1
             continue
+        inputs = by_pins[id(pins.at(values))]
         for time in extent.moments:
             moment = resolved.at(values, time)
             for camera in range(len(resolved.cameras)):

@@ -84,7 +84,7 @@ class InferMaker:
         started = time.process_time()
         run, look = self._runs.run(job.frame.key.run_id), _look(job)
         name = run.resolved.spec.functions[look.function]
-        function = self._function(name, run.pins.functions[name])
+        function = self._function(name, run.pins.at(job.frame.assignment).functions[name])
         pictures = {job.digest: self._picture(job)}
         # A second attempt has no companions: a picture that ended a process must not harm its neighbours twice.
         size = function.batch_size if job.attempts == 1 else 1

@@ -55,7 +55,7 @@ class RenderMaker:
         started, elsewhere, engine = time.process_time(), 0.0, None
         key, assignment = job.frame.key, job.frame.assignment
         run = self._runs.run(key.run_id)
-        resolved = run.resolved
+        resolved, pins = run.resolved, run.pins.at(assignment)
         asset = self._runs.asset(run)
         scene = apply(resolved.at(assignment, key.time), asset)
         resolution = resolved.spec.resolution
@@ -67,17 +67,17 @@ class RenderMaker:
         if job.kind is ProductKind.TRUTH:
             from valerie.rendering.visibility import measure
 
-            truth_pass = self._truth_pass(run.pins.truth.numeric_class)
+            truth_pass = self._truth_pass(pins.truth.numeric_class)
             statics, layer = truth_pass.parts(scene, view)
             truth = layer.over(statics)
             views = tuple(map(seen_person, measure(truth, scene, view))) or (NO_PERSON,)
             part = self._statics.stored(statics, again=job.attempts > 1)
             data = codecs.encode_truth_layer(layer, part.digest)
         elif job.kind is ProductKind.LIGHT:
-            light = self._light_pass(run.pins.truth.numeric_class)
+            light = self._light_pass(pins.truth.numeric_class)
             lights = lit_persons(job, scene, view, reader=self._reader, light=light)
         elif job.kind is ProductKind.SCAN:
-            engine = self._engine(resolved, run.pins.engine.numeric_class)
+            engine = self._engine(resolved, pins.engine.numeric_class)
             elsewhere = _cpu_seconds_elsewhere(engine)
             shutter = rolling_shutter(resolved.spec.sensors, assignment)
             if shutter is None:
@@ -86,7 +86,7 @@ class RenderMaker:
             products = job.frame.products
             frame_scan = scan(
                 engine,
-                self._truth_pass(run.pins.truth.numeric_class),
+                self._truth_pass(pins.truth.numeric_class),
                 lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
                 view,
                 (self._reader.frame(products), self._reader.truth(products.truth)),
@@ -98,7 +98,7 @@ class RenderMaker:
             )
             data = encode_annotation(AnnotationKind.SCAN, frame_scan)
         elif job.kind in _ANNOTATIONS:
-            truth_pass = self._truth_pass(run.pins.truth.numeric_class)
+            truth_pass = self._truth_pass(pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
             subject = SeenScene(
                 scene,
@@ -108,7 +108,7 @@ class RenderMaker:
             )
             data = annotate(kind, subject, lambda: self._reader.truth(job.frame.products.truth), truth_pass)
         else:
-            engine = self._engine(resolved, run.pins.engine.numeric_class)
+            engine = self._engine(resolved, pins.engine.numeric_class)
             elsewhere = _cpu_seconds_elsewhere(engine)
             if job.kind is ProductKind.BACKGROUND:
                 data = codecs.encode_image(engine.background(scene, view))
