@@ -34,7 +34,8 @@ from benchmarks.bench_control_plane import cpu_seconds, document, measure, redis
 from tests.acceptance.system import ENDED, System
 from tests.world.boxes import write_box_street
 from tests.world.postgres import PostgresServer
-from valerie.embedded.supervisor import WORKERS, python_command, service_environment
+from valerie.embedded.guarded_process import python_command
+from valerie.embedded.supervisor import WORKERS, service_environment
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control import gc
 
@@ -73,7 +74,7 @@ def timed(call: Callable[[], Any]) -> float:
 
 def measure_runs(products: int) -> dict[str, Any]:
     """Measure a run of a million variants, and one that is worked off."""
-    with running() as (system, url):
+    with running() as (system, _):
         few = measure(system, SMALL)
         many = measure(system, products // 4)
         run = system.client.get("/v1/runs", params={"limit": 1}).json()["runs"][0]["id"]
@@ -210,7 +211,9 @@ def soak(products: int, hours: float) -> dict[str, Any]:
                 gc.collect(open_context(system.settings))
             for name, value in _sizes(system, url).items():
                 samples[name].append(value)
-            print(f"{number + 1} of {count}", {name: round(values[-1], 1) for name, values in samples.items()}, flush=True)
+            print(
+                f"{number + 1} of {count}", {name: round(values[-1], 1) for name, values in samples.items()}, flush=True
+            )
             time.sleep(max(0.0, started + (number + 1) * pause - time.monotonic()))
         errors = _errors(system.supervisor.logs)
     fifth = max(count // 5, 1)

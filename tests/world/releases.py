@@ -16,7 +16,8 @@ from sqlalchemy import func, select
 from tests.world.processes import kill
 from valerie.db.engine import open_database, reading
 from valerie.db.models import REVISION, Worker
-from valerie.embedded.supervisor import WORKERS, python_command, service_environment
+from valerie.embedded.guarded_process import python_command
+from valerie.embedded.supervisor import WORKERS, service_environment
 from valerie.settings import Settings
 
 ROOT: Final = Path(__file__).parents[2]
