@@ -342,14 +342,19 @@ def test_two_processes_read_an_archived_run_at_once(completed: tuple[Pipeline, s
     before = [len(long_table(pipeline.context, name)) for name in (run, other)]
     for name in (run, other):
         archive_run(pipeline.context, name)
-    # Each file is larger than the folder may be, so that the processes delete each other's files.
+    # No file fits into the folder, so that the processes delete each other's.
     program = """
 import sys
+from valerie.db.archives import ARCHIVES
+from valerie.pipeline.base.archives import StoredArchives
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.tables import read_table
 from valerie.settings import load_settings
-context = open_context(load_settings(archive_cache_mb=1, broker_url="memory://"))
+from valerie.storage.bounded_folder import BoundedFolder
+context = open_context(load_settings(broker_url="memory://"))
+folder = BoundedFolder(context.settings.data_dir / "archives", max_bytes=1)
+context.engine.update_execution_options(**{ARCHIVES: StoredArchives(context.engine, context.store, folder)})
 runs = sys.argv[1:]
 print([[len(read_table(context.engine, read_run(context, run))) for run in runs] for _ in range(5)])
 """
