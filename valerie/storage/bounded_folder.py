@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -31,7 +32,7 @@ class BoundedFolder:
         return self._folder / name
 
     def fetch(self, name: str, write: Callable[[Path], None], *, size: int | None = None) -> Path:
-        """Return a file that is complete; write it first if it is missing.
+        """Return a file that is complete; write it first if it is missing. Another process may delete it at any time.
 
         Args:
             name: of the file.
@@ -43,9 +44,11 @@ class BoundedFolder:
         """
         path = self.path(name)
         try:
-            if not path.is_file() or size not in (None, path.stat().st_size):
+            present = _size(path)
+            if present is None or size not in (None, present):
                 self._write(path, write)
-            os.utime(path)
+            with suppress(FileNotFoundError):
+                os.utime(path)
             self._trim(keep=path)
         except OSError as error:
             kind = StorageFull if error.errno in (28, 122) else StorageUnavailable
@@ -78,3 +81,10 @@ class BoundedFolder:
                 # A process that has opened the file keeps its contents.
                 path.unlink(missing_ok=True)
                 total -= size
+
+
+def _size(path: Path) -> int | None:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return None

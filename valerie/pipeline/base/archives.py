@@ -17,6 +17,8 @@ from sqlalchemy import Engine
 
 from valerie.db import copying
 from valerie.db.engine import open_rows, reading
+from valerie.db.long_table import measure_columns
+from valerie.db.models import REVISION
 from valerie.errors import StorageUnavailable
 from valerie.runs.products.archive import Archive
 from valerie.storage.bounded_folder import BoundedFolder
@@ -26,6 +28,8 @@ from valerie.storage.store import ArtifactStore
 _ENGINES: Final = 32
 #: Another process may delete a file between its writing and its opening, if the folder's bound is too small for both.
 _ATTEMPTS: Final = 5
+#: Names the tables of this version, since the files of an older one have its own.
+_TABLES: Final = f"{REVISION} {', '.join(map(str, measure_columns()))}"
 
 
 class StoredArchives:
@@ -50,8 +54,8 @@ class StoredArchives:
     def rows(self, run_id: str, parent_run: str | None, archive: Archive) -> Engine:
         """See `valerie.db.archives.Archives`."""
         # The parent is the only thing in a run's own row that still changes: it may be deleted.
-        content = f"{archive.model_dump_json()} {parent_run}".encode()
-        name = f"{run_id}-{sha256(content).hexdigest()[:16]}.sqlite3"
+        content = f"{archive.model_dump_json()} {parent_run} {_TABLES}"
+        name = f"{run_id}-{sha256(content.encode()).hexdigest()[:16]}.sqlite3"
         with self._lock:
             if name not in self._engines:
                 self._engines[name] = open_rows(lambda: self._connect(name, run_id, archive))

@@ -80,13 +80,13 @@ def _write(context: Context, run: RunRow) -> Archive:
         with reading_run(context.engine, run.id) as connection, engine.begin() as target:
             run = runs.get(connection, run.id)
             copying.copy_contents(connection, target, run.id)
-            since = database_time(connection) - CPU_PERIOD.total_seconds()
-            own = runs.unshared(connection, run, since=since)
+            now = database_time(connection)
+            own = runs.unshared(connection, run, since=now - CPU_PERIOD.total_seconds())
         tables = row_files.write_files(path, context.store, run.id)
         row_files.read_files(again, context.store, run.id, REVISION, tables)
         if table := row_files.differing_table(path, again):
             raise CorruptArtifact(f"the file of table {table} of run {run.id} does not have the rows of the database")
-    archive = Archive(revision=REVISION, tables=tables, stored_bytes=own.bytes, cpu_seconds=own.cpu_seconds)
+    archive = Archive(at=now, revision=REVISION, tables=tables, stored_bytes=own.bytes, cpu_seconds=own.cpu_seconds)
     with writing(context.engine) as connection:
         archiving.name_archive(connection, run, archive)
     return archive

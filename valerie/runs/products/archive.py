@@ -25,12 +25,14 @@ class Archive(Document):
     """The rows of an archived run, which the database no longer has.
 
     Attributes:
-        revision: of the database's tables when they were written.
+        at: Unix seconds when it was written; marks may differ between two archives of equal rows.
+        revision: of the database's tables then.
         tables: name of a table to its file; ``objects`` lists the stored products.
         stored_bytes: size of the products that only this run of its owner and project needed.
         cpu_seconds: CPU time of these products, made in the period of the quotas.
     """
 
+    at: float
     revision: str
     tables: Mapping[str, ArchivedTable]
     stored_bytes: float

@@ -18,7 +18,7 @@ from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
 from tests.world.world import settings_of
 from valerie.db import archiving as queries
-from valerie.db import copying, frames, links, runs, sweeping
+from valerie.db import copying, frames, links, marks, runs, sweeping
 from valerie.db.archives import reading_run
 from valerie.db.engine import database_moment, reading, writing
 from valerie.db.migrate import migrate
@@ -31,9 +31,11 @@ from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.archiving import archive_run, ended_runs, restore_rows
 from valerie.pipeline.control.backup import back_up, restore
 from valerie.pipeline.control.copy_run import copy_run
+from valerie.pipeline.control.marking import put_mark
 from valerie.pipeline.control.quotas import quotas_of
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
+from valerie.runs.marks import Mark, Subject
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.study.study_document import parse_study
 
@@ -308,6 +310,19 @@ def test_a_copy_of_an_archived_run_is_whole_and_not_archived(completed: tuple[Pi
     assert first[0]["frames"]
 
 
+def test_a_run_that_is_archived_again_has_its_present_marks(completed: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run = completed
+    other = open_context(settings_of(tmp_path / "other"))
+    migrate(other.engine)
+    archive_run(pipeline.context, run)
+    restore_rows(pipeline.context, run)
+    put_mark(pipeline.context, run, Subject(), Mark(tags=("night",)))
+    archive_run(pipeline.context, run)
+    copy_run(pipeline.context, other, run)
+    with reading(other.engine) as connection:
+        assert marks.tags_of_runs(connection, [run]) == {run: ["night"]}
+
+
 def test_a_backup_has_archived_runs(completed: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run = completed
     before = long_table(pipeline.context, run)
@@ -342,14 +357,19 @@ def test_two_processes_read_an_archived_run_at_once(completed: tuple[Pipeline, s
     before = [len(long_table(pipeline.context, name)) for name in (run, other)]
     for name in (run, other):
         archive_run(pipeline.context, name)
-    # Each file is larger than the folder may be, so that the processes delete each other's files.
+    # No file fits into the folder, so that the processes delete each other's.
     program = """
 import sys
+from valerie.db.archives import ARCHIVES
+from valerie.pipeline.base.archives import StoredArchives
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.tables import read_table
 from valerie.settings import load_settings
-context = open_context(load_settings(archive_cache_mb=1, broker_url="memory://"))
+from valerie.storage.bounded_folder import BoundedFolder
+context = open_context(load_settings(broker_url="memory://"))
+folder = BoundedFolder(context.settings.data_dir / "archives", max_bytes=1)
+context.engine.update_execution_options(**{ARCHIVES: StoredArchives(context.engine, context.store, folder)})
 runs = sys.argv[1:]
 print([[len(read_table(context.engine, read_run(context, run))) for run in runs] for _ in range(5)])
 """
