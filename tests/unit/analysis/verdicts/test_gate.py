@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from valerie.analysis.verdicts.junit import junit_xml
 from valerie.analysis.verdicts.verdicts import RequirementVerdict, judge_requirements
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.perception.base import FunctionCard
-from valerie.runs.products.pins import FunctionPin, Offer, Pins
+from valerie.runs.products.pins import BOUNDS, FunctionPin, InferClass, Offer, Pins, RenderClass, TolerantPins
 from valerie.runs.products.states import Stage
 from valerie.runs.resolving.spec import RunSpec, parse
 from valerie.statistics.gates import places_for_gate
@@ -165,6 +166,30 @@ def test_unequal_numeric_classes_are_compared_on_request_alone() -> None:
     with pytest.raises(Conflict, match="numeric class of their inference: cpu-1 and cpu-2"):
         gate(one, other)
     assert gate(one, other, mixed=True).passed
+
+
+def test_runs_that_accept_several_classes_are_compared_if_they_are_split_alike() -> None:
+    before, _ = planted()
+
+    def accepting(name: str, *workers: int) -> GateRun:
+        own = run({"net": before}, name=name, reproducible="tolerance")
+        classes = [pins(["net"], f"cpu-{number}").functions for number in range(1, 1 + len(workers))]
+        return replace(
+            own,
+            pins=TolerantPins(
+                **dict(own.pins),
+                render=(RenderClass(engine=own.pins.engine, truth=own.pins.truth, workers=1),),
+                infer=tuple(InferClass(functions=one, workers=n) for one, n in zip(classes, workers, strict=True)),
+                place=("x",),
+                bounds=BOUNDS,
+            ),
+        )
+
+    assert gate(accepting("r1", 1, 3), accepting("r2", 1, 3)).passed
+    for other in (accepting("r2", 1, 2), run({"net": before}, name="r2")):
+        with pytest.raises(Conflict, match=r"cpu-1 \(weight 1\) or cpu-2 \(weight 3\)"):
+            gate(accepting("r1", 1, 3), other)
+        assert gate(accepting("r1", 1, 3), other, mixed=True).passed
 
 
 def test_what_cannot_be_compared_is_refused_by_name() -> None:

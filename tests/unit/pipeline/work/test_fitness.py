@@ -122,7 +122,7 @@ def test_a_worker_that_rests_offers_nothing_and_says_why(pipeline: Pipeline) -> 
 
 def test_a_machine_is_ill_when_it_does_not_offer_what_it_did(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VALERIE_TESTING_ENGINES", "true")
-    offers = render_offers(["blank"])
+    offers = render_offers(["blank"]).offers
     assert ailment(Stage.RENDER, offers) is None
     other = [
         offer.model_copy(update={"numeric_class": "old", "route": "render.blank.old"})
