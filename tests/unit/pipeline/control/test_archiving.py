@@ -378,7 +378,7 @@ print([[len(read_table(context.engine, read_run(context, run))) for run in runs]
         subprocess.Popen([sys.executable, "-c", program, *order], env=environment, stdout=subprocess.PIPE)
         for order in ((run, other), (other, run))
     ]
-    counts = [process.communicate(timeout=120)[0].decode().strip() for process in processes]
+    counts = [process.communicate(timeout=300)[0].decode().strip() for process in processes]
     assert counts == [str([before] * 5), str([before[::-1]] * 5)]
 
 
