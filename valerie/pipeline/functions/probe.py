@@ -26,6 +26,9 @@ from valerie.settings import load_settings
 
 #: Name under which workers offer to call functions behind HTTP.
 HTTP: Final = "http"
+#: Render engines without a specimen: the noise of a path tracer differs between classes, and its first frame on a new card may
+#: take minutes.
+_NOISY: Final = frozenset({"cycles"})
 
 
 def probe_engine(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
@@ -33,7 +36,7 @@ def probe_engine(name: str, specimens: Specimens | None = None) -> list[AnyOffer
     renderer = plugins.create_renderer(name)
     try:
         engine = _rendering(name, renderer.numeric_class, renderer.revision)
-        if specimens is not None:
+        if specimens is not None and name not in _NOISY:
             add_image(specimens, engine, renderer)
     finally:
         renderer.close()

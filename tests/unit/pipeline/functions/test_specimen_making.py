@@ -11,6 +11,7 @@ from valerie.pipeline.functions.specimen_making import picture
 from valerie.plugins import create_function
 from valerie.runs.products.pins import BOUNDS, AnyOffer
 from valerie.runs.products.specimens import agree, specimen_key
+from valerie.testing.blank import BlankRenderer
 
 
 @pytest.mark.parametrize("engine", ["raster", "pyrender", "blank"])
@@ -73,3 +74,14 @@ def test_an_engine_that_cannot_make_a_specimen_is_offered_all_the_same(monkeypat
     engine, truth = probe_engine("blank", specimens)
     assert set(specimens) == {specimen_key(truth)}
     assert engine.name == "blank"
+
+
+def test_a_path_tracer_makes_no_picture_when_a_worker_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbidden(*_: object) -> None:
+        raise AssertionError("a picture")
+
+    monkeypatch.setattr("valerie.plugins.create_renderer", lambda _: BlankRenderer())
+    monkeypatch.setattr("valerie.testing.blank.BlankRenderer.full", forbidden)
+    specimens: dict[str, bytes] = {}
+    engine, truth = probe_engine("cycles", specimens)
+    assert (engine.name, set(specimens)) == ("cycles", {specimen_key(truth)})
