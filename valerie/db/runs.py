@@ -67,6 +67,7 @@ class SubmittedRun:
     iteration: int
     variant_count: int
     priority: Priority
+    deadline: datetime | None
     owner: str | None
     project: str
     tenant: str

@@ -179,6 +179,7 @@ def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:
         variant_count=row.variant_count,
         rejected_count=row.rejected_count,
         tags=tuple(tags),
+        deadline=row.deadline,
         created_at=row.created_at,
         started_at=row.started_at,
         finished_at=row.finished_at,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -14,7 +15,7 @@ from tests.world.boxes import spec
 from valerie.db import products
 from valerie.db.engine import database_time, writing
 from valerie.db.products import Job
-from valerie.pipeline.control.sharing import parts_of
+from valerie.pipeline.control.sharing import MOST_URGENT, parts_of
 from valerie.runs.products.states import Priority, ProductKind
 from valerie.runs.products.turns import packet_size
 
@@ -182,3 +183,15 @@ def test_the_window_is_divided_as_the_workers_are(pipeline: Pipeline) -> None:
     assert {parts[run_id] for run_id in many} == {1 / 16}
     assert parts[high] == pytest.approx(0.4)
     assert parts[normal] == pytest.approx(0.1)
+
+
+def test_a_deadline_takes_from_the_other_runs_of_its_owner_only(pipeline: Pipeline) -> None:
+    late = pipeline.submit(street(0, ys=16), owner="a", deadline=datetime(2020, 1, 1, tzinfo=UTC))
+    calm = pipeline.submit(street(1, ys=16), owner="a")
+    other = pipeline.submit(street(2), owner="b")
+    pipeline.loop.tick(everything=True)
+    taken = Queue(pipeline).takes([late], [calm], [other])
+    assert largest_lead([0 if number < 2 else 1 for number in taken]) <= 2 * PACKET
+    own = [number for number in taken if number < 2]
+    assert largest_lead(own, weights=(MOST_URGENT, 1.0)) <= 2 * PACKET + 2
+    assert len(own) > 150

@@ -38,7 +38,7 @@ from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress_counting import ProgressBook
 from valerie.pipeline.control.quotas import exhausted, limits_costs, spent_by
-from valerie.pipeline.control.sharing import parts_of
+from valerie.pipeline.control.sharing import parts_of, weights_of
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
 from valerie.runs.products.pins import Offer
@@ -202,7 +202,7 @@ class ControlLoop:
             return False
         with reading(self._context.engine) as connection:
             room = self._settings.feed_window - totals.unfinished_count(connection)
-        weights = {run.id: run.priority.weight for run in hungry}
+        weights = weights_of(running, now)
         parts = parts_of(hungry, weights)
         more = False
         for run in sorted(hungry, key=lambda run: self._book.unfinished(run.id)):
