@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -89,6 +90,7 @@ class Progress(_Read):
     reason: str | None = None
     variants: VariantProgress
     stages: dict[str, StageProgress]
+    outlook: str | None = None
     updated_at: float | None = None
 
 
@@ -103,6 +105,7 @@ class Run(_Read):
     rejected_count: int
     tags: tuple[str, ...] = ()
     archived: bool = False
+    deadline: Moment | None = None
     created_at: Moment
     started_at: Moment | None = None
     finished_at: Moment | None = None
@@ -423,10 +426,17 @@ class Client:
 
         return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 
-    def submit(self, spec: bytes, *, idempotency_key: str | None = None, priority: Priority = Priority.NORMAL) -> Run:
+    def submit(
+        self,
+        spec: bytes,
+        *,
+        idempotency_key: str | None = None,
+        priority: Priority = Priority.NORMAL,
+        deadline: datetime | None = None,
+    ) -> Run:
         """Start a run of a spec (YAML or JSON text)."""
         headers = {**_SPEC, **({"Idempotency-Key": idempotency_key} if idempotency_key else {})}
-        query = {"priority": priority.value}
+        query = {"priority": priority.value} | ({"deadline": deadline.isoformat()} if deadline else {})
         return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers, params=query)
 
     def runs(self, *, limit: int = 20, tag: str | None = None) -> Iterator[Run]:

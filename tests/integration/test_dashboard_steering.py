@@ -114,11 +114,14 @@ def test_a_run_is_submitted_from_the_form_watched_zoomed_and_reported(page: Page
     page.wait_for_selector(SURE)
     page.wait_for_selector(".previews img", timeout=PREVIEW_MS)
     page.select_option("#priority", "high")
+    page.fill("#deadline", "2999-12-15T06:00")
     page.click("text=Submit run")
     page.wait_for_url("**#/runs/*")
     page.wait_for_selector(".chip:has-text('completed')", timeout=60_000)
-    assert api.get(f"/v1/runs/{run_named(api, 'from the form')}").json()["priority"] == "high"
-    submitted = api.get(f"/v1/runs/{run_named(api, 'from the form')}").json()["spec"]
+    run = api.get(f"/v1/runs/{run_named(api, 'from the form')}").json()
+    assert run["priority"] == "high"
+    assert run["deadline"].startswith("2999-12-1")
+    submitted = run["spec"]
     assert submitted["cameras"] == ["camera-1"]
     assert submitted["resolution"] == {"width": 96, "height": 54}
     (varied,) = submitted["blocks"][0]["vary"]

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ from valerie.db.products import Finished, Wanted
 from valerie.pipeline.control import lifecycle
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import ProductKind, ProductState
-from valerie.runs.products.turns import Turns
+from valerie.runs.products.turns import Turns, packet_size
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
@@ -142,3 +143,34 @@ def test_a_run_that_continues_gets_the_products_that_a_worker_is_parking(
     assert not any(product.state is ProductState.PARKED for product in pipeline.products())
     assert pipeline.run(run) == "completed"
     engine.dispose()
+
+
+def test_workers_that_claim_at_the_same_time_serve_two_owners_equally(
+    new_database: Callable[[], str], tmp_path: Path
+) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+    engine, workers = pipeline.context.engine, 4
+    for number in range(5):
+        pipeline.submit(spec(xs=12, ys=2, constants={"sun-1.elevation": 10 + number}), owner="many")
+    one = pipeline.submit(spec(xs=12, ys=10, constants={"sun-1.elevation": 20}), owner="one")
+    pipeline.loop.tick(everything=True)
+    route = next(row.route for row in pipeline.products() if row.kind is ProductKind.LAYER)
+    taken: list[tuple[str, bool]] = []
+
+    def work() -> None:
+        while True:
+            with writing(engine) as connection:
+                jobs = products.claim_next(connection, route, owner="w", now=1.0, lease_seconds=1e6)
+            if not jobs:
+                return
+            taken.extend((job.digest, job.frame.key.run_id == one) for job in jobs)
+
+    with ThreadPoolExecutor(workers) as executor:
+        for future in [executor.submit(work) for _ in range(workers)]:
+            future.result()
+    engine.dispose()
+    assert len({digest for digest, _ in taken}) == len(taken) == 5 * (48 + 2) + 240 + 2
+    leads = list(accumulate((1 if is_one else -1 for _, is_one in taken), initial=0))
+    # Each worker may choose before it knows what the others took.
+    assert max(leads) - min(leads) <= (workers + 1) * packet_size(ProductKind.LAYER)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from datetime import UTC, datetime
 
 import httpx
 import pytest
@@ -43,6 +44,8 @@ def test_a_spec_is_posted_as_it_was_written_with_its_idempotency_key() -> None:
     assert (run.id, run.variant_count) == ("r1", 12)
     assert (requests[0].method, requests[0].url.path) == ("POST", "/v1/runs")
     assert dict(requests[0].url.params) == {"priority": "high"}
+    _client(answer).submit(b"name: first\n", deadline=datetime(2026, 12, 1, 6, tzinfo=UTC))
+    assert dict(requests[1].url.params) == {"priority": "normal", "deadline": "2026-12-01T06:00:00+00:00"}
     assert requests[0].content == b"name: first\n"
     assert requests[0].headers["idempotency-key"] == "k1"
     assert requests[0].headers["content-type"] == "application/yaml"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -32,6 +34,7 @@ from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
+from valerie.runs.moments import in_utc
 from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
@@ -42,6 +45,8 @@ if TYPE_CHECKING:
     from valerie.cli.connecting import System
     from valerie.client import Client, Run
     from valerie.pipeline.reading.reports import ReportWith
+
+_UNITS: Final = {"min": timedelta(minutes=1), "h": timedelta(hours=1), "d": timedelta(days=1)}
 
 SpecFile = Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")]
 
@@ -117,17 +122,56 @@ def up(data_dir: DataDir = None, end_with_parent: EndWithParent = False) -> None
             time.sleep(0.5)
 
 
+@dataclass(frozen=True)
+class _Urgency:
+    """A run's part of the work of its owner."""
+
+    priority: Annotated[
+        Priority,
+        typer.Option(help="A high run gets four times the work of a normal one of its owner, a low one a quarter."),
+    ] = Priority.NORMAL
+    deadline: Annotated[
+        str | None,
+        typer.Option(
+            "--deadline",
+            metavar="MOMENT",
+            help="When it should be done, such as 2026-12-01T06:00Z (UTC unless it names a time zone). Among the runs of its "
+            "owner, it gets more of the work as the time gets short, at most eight times.",
+        ),
+    ] = None
+    within: Annotated[
+        str | None, typer.Option("--within", metavar="TIME", help="The same as a time from now: 90min, 4h or 2d.")
+    ] = None
+
+    def due(self) -> datetime | None:
+        """Return the deadline, if any."""
+        if self.within is not None:
+            if self.deadline is not None:
+                raise InvalidInput("excludes --deadline", field="--within", value=self.within, limit="one of both")
+            found = re.fullmatch(r"(\d{1,6})(min|h|d)", self.within)
+            if found is None:
+                limit = "a number with min, h or d, such as 4h"
+                raise InvalidInput("is no time", field="--within", value=self.within, limit=limit)
+            return datetime.now(UTC) + int(found[1]) * _UNITS[found[2]]
+        if self.deadline is None:
+            return None
+        try:
+            return in_utc(datetime.fromisoformat(self.deadline))
+        except ValueError:
+            limit = "ISO 8601, such as 2026-12-01T06:00Z"
+            raise InvalidInput("is no moment", field="--deadline", value=self.deadline, limit=limit) from None
+
+
+@takes_documents
 def submit(
     spec: SpecFile,
+    urgency: _Urgency,
     functions: Functions = None,
     watch: Annotated[bool, typer.Option("--watch", "-w", help="Follow the run to its end.")] = False,
     key: Annotated[
         str | None,
         typer.Option("--key", help="Idempotency key: submitting again with the same key starts no second run."),
     ] = None,
-    priority: Annotated[
-        Priority, typer.Option(help="A high run gets four times the work of a normal one, a low one a quarter.")
-    ] = Priority.NORMAL,
     json_lines: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -135,11 +179,12 @@ def submit(
     """Submit a spec to a running server, and print the run's id."""
     from valerie.cli.connecting import client_of, own_assets
 
+    due = urgency.due()
     settings = settings_of(data_dir)
     with client_of(settings, url) as client:
         text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
         with own_assets(settings, client), _submitting(data_dir, url):
-            run = client.submit(text, idempotency_key=key, priority=priority)
+            run = client.submit(text, idempotency_key=key, priority=urgency.priority, deadline=due)
         if not watch:
             typer.echo(run.model_dump_json() if json_lines else run.id)
             say(f"follow it with: {_command_line('status', run.id, '--watch', data_dir=data_dir, url=url)}")
@@ -621,14 +666,18 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     table.add_column("state", no_wrap=True)
     table.add_column("variants", justify="right", no_wrap=True)
     table.add_column("created", no_wrap=True)
+    dated = any(run.deadline for run in runs)
+    if dated:
+        table.add_column("deadline", no_wrap=True)
     tagged = any(run.tags for run in runs)
     if tagged:
         table.add_column("tags", overflow="fold")
     for run in runs:
         created = moment_text(run.created_at)
+        due = [moment_text(run.deadline) if run.deadline else ""] if dated else []
         tags = [", ".join(run.tags)] if tagged else []
         state = f"{run.state}, archived" if run.archived else run.state
-        table.add_row(run.id, run.name, state, f"{run.variant_count:,}", created, *tags)
+        table.add_row(run.id, run.name, state, f"{run.variant_count:,}", created, *due, *tags)
     out = console()
     out.print(table)
     for run in runs:

@@ -45,7 +45,7 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
-REVISION: Final = "specimens"
+REVISION: Final = "deadlines"
 #: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -122,6 +122,8 @@ class Run(Base):
     next_index: Mapped[int] = mapped_column(BigInteger, default=0)
     rejected_count: Mapped[int] = mapped_column(BigInteger, default=0)
     priority: Mapped[Priority] = mapped_column(default=Priority.NORMAL)
+    #: When it should be done; None: no matter when.
+    deadline: Mapped[datetime | None]
     #: Turn of the next product that it wants.
     turn: Mapped[float] = mapped_column(Float, default=0.0)
     #: At the latest count of the control loop; None before the first.
@@ -200,7 +202,8 @@ class Product(Base):
     input_a: Mapped[str | None] = mapped_column(Digest)
     input_b: Mapped[str | None] = mapped_column(Digest)
     input_c: Mapped[str | None] = mapped_column(Digest)
-    #: Ready products of a route are served in this order; see `valerie.runs.products.turns`.
+    #: In whose line it is; empty: the operator's. Ready products of a line are served by turn; see `valerie.runs.products.turns`.
+    owner: Mapped[str] = mapped_column(String(200), server_default="")
     turn: Mapped[float] = mapped_column(Float, default=0.0)
     attempts: Mapped[int] = mapped_column(default=0)
     lease_owner: Mapped[str | None] = mapped_column(String(64))
@@ -221,13 +224,29 @@ class Product(Base):
         # Only waiting products are looked up by their inputs: the indexes are as small as the feeding window.
         *(_partial(f"ix_products_{column}", column, where="state = 'waiting'") for column in _INPUT_COLUMNS),
         # The sweeper and the window read only unfinished products: the index stays small in a large table.
-        # Workers take the ready products of a route by turn.
-        _partial("ix_products_unfinished", "state", "route", "turn", where="state IN ('waiting','ready','running')"),
+        # Workers take the ready products of a route by owner and turn.
+        _partial(
+            "ix_products_unfinished",
+            *("state", "route", "owner", "turn"),
+            where="state IN ('waiting','ready','running')",
+        ),
         # For sums over all ended products, and for the newest of each kind, without reading rows.
         _partial(
             "ix_products_ended", "kind", "state", "finished_at", "cpu_seconds", where="state IN ('done','failed')"
         ),
     )
+
+
+class OwnerTurn(Base):
+    """How far a queue has served the products of an owner; see `valerie.db.products.claim_next`."""
+
+    __tablename__ = "owner_turns"
+
+    route: Mapped[str] = mapped_column(String(120), primary_key=True)
+    owner: Mapped[str] = mapped_column(String(200), primary_key=True)
+    #: The owner's turn when it was served last, and its next one.
+    start: Mapped[float] = mapped_column(Float)
+    turn: Mapped[float] = mapped_column(Float)
 
 
 class Frame(Base):

@@ -11,7 +11,22 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple
 
-from sqlalchemy import ColumnElement, Connection, Executable, Row, bindparam, func, or_, select, text, union, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Executable,
+    Row,
+    and_,
+    bindparam,
+    case,
+    func,
+    or_,
+    select,
+    text,
+    union,
+    update,
+)
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.links import FRAME_COLUMNS, VARIANT_OF_FRAME, StoredFrame, same_frame
@@ -20,6 +35,7 @@ from valerie.db.models import (
     Evaluation,
     Frame,
     FrameAnnotation,
+    OwnerTurn,
     PersonLight,
     PersonScore,
     PersonView,
@@ -69,6 +85,7 @@ class _NewProduct(NamedTuple):
     input_b: str | None
     input_c: str | None
     state: str
+    owner: str
     turn: float
     sent_at: float | None
     attempts: int = 0
@@ -78,7 +95,7 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
     """Insert products that a run links to; return those to announce: they became ready, or are ready and have an earlier turn.
 
     A product is ready once all its inputs are done. Existing products stay as they are, except that failed and parked ones
-    are tried again, and an unfinished one gets the earlier turn of the runs that want it.
+    are tried again, and an unfinished one gets the sooner turn of the runs that want it.
 
     Args:
         connection: to write with.
@@ -90,31 +107,30 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
     digests = {digest for digest in links if digest is not None}
     # A worker must not park what this transaction is about to link.
     lock(connection, digests)
-    columns = Product.digest, Product.state, Product.turn
+    columns = Product.digest, Product.state, Product.owner, Product.turn
     present = connection.execute(select(*columns).where(among(connection, Product.digest, digests)))
-    states = {digest: (state, turn) for digest, state, turn in present}
-    done: set[str | None] = {None, *(digest for digest, (state, _) in states.items() if state is ProductState.DONE)}
+    states = {digest: (state, owner, turn) for digest, state, owner, turn in present}
+    done: set[str | None] = {None, *(digest for digest, (state, *_) in states.items() if state is ProductState.DONE)}
     rows: list[_NewProduct] = []
     ready: list[Ready] = []
-    earlier: list[dict[str, str | float]] = []
+    sooner: list[dict[str, str | float]] = []
     for product in wanted:
         digest, kind, route, group, a, b, c = product
-        state, present_turn = states.get(digest, (None, 0.0))
+        state, present_owner, present_turn = states.get(digest, (None, "", 0.0))
         if state is ProductState.DONE:
             continue
         # No worker takes a prediction that is to be uploaded.
         turn = 0.0 if route == UPLOADED_ROUTE else turns.take(route, kind, group)
         if state is not None and state not in _TRIED_AGAIN:
-            if turn < present_turn:
-                earlier.append({"product": digest, "earlier": turn})
+            if route != UPLOADED_ROUTE and turns.is_sooner(turn, present_turn, present_owner):
+                sooner.append({"product": digest, "sooner": turn})
                 if state is ProductState.READY:
                     ready.append(Ready(digest, kind, route, group, turn))
-        elif a in done and b in done and c in done:
-            rows.append(_NewProduct(digest, str(kind), route, group, a, b, c, str(ProductState.READY), turn, now))
-            if route != UPLOADED_ROUTE:
-                ready.append(Ready(digest, kind, route, group, turn))
-        else:
-            rows.append(_NewProduct(digest, str(kind), route, group, a, b, c, str(ProductState.WAITING), turn, None))
+            continue
+        state, sent_at = (ProductState.READY, now) if done.issuperset((a, b, c)) else (ProductState.WAITING, None)
+        rows.append(_NewProduct(digest, str(kind), route, group, a, b, c, str(state), turns.owner, turn, sent_at))
+        if sent_at is not None and route != UPLOADED_ROUTE:
+            ready.append(Ready(digest, kind, route, group, turn))
     rows.sort(key=attrgetter("digest"))  # neighbours in the primary key's pages, one after the other
     insert_rows(
         connection,
@@ -122,27 +138,29 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
         _NewProduct,
         rows,
         on_conflict=(
-            "(digest) DO UPDATE SET state = excluded.state, turn = excluded.turn, attempts = 0, error = NULL,"
-            " lease_owner = NULL, lease_until = NULL, sent_at = excluded.sent_at, not_before = NULL"
+            "(digest) DO UPDATE SET state = excluded.state, owner = excluded.owner, turn = excluded.turn, attempts = 0,"
+            " error = NULL, lease_owner = NULL, lease_until = NULL, sent_at = excluded.sent_at, not_before = NULL"
             " WHERE products.state IN ('failed', 'parked')"
         ),
     )
-    if earlier:
+    if sooner:
         table = Product.__table__
-        statement = update(table).where(table.c.digest == bindparam("product")).values(turn=bindparam("earlier"))  # type: ignore[arg-type]
-        connection.execute(statement, earlier)
+        moved = {"owner": turns.owner, "turn": bindparam("sooner")}
+        connection.execute(update(table).where(table.c.digest == bindparam("product")).values(moved), sooner)  # type: ignore[arg-type]
     return ready
 
 
-def present_turn(connection: Connection) -> float | None:
-    """Return the earliest turn that a worker serves, or the earliest of all while none works; None where nothing is unfinished.
+def present_turns(connection: Connection) -> dict[str, float]:
+    """Return owner to the earliest turn of the line that a worker serves, or the earliest of all while none does.
 
-    A run that begins or continues starts at this turn.
+    A run that begins or continues starts at this turn. Owners without unfinished products are left out.
     """
     # Predictions to be uploaded have no turn.
-    earliest = select(func.min(Product.turn)).where(Product.route != UPLOADED_ROUTE)
-    served = connection.scalar(earliest.where(UNFINISHED, Product.state == ProductState.RUNNING))
-    return served if served is not None else connection.scalar(earliest.where(UNFINISHED))
+    unfinished = UNFINISHED, Product.route != UPLOADED_ROUTE
+    earliest = select(Product.owner, func.min(Product.turn)).where(*unfinished).group_by(Product.owner)
+    every = {owner: turn for owner, turn in connection.execute(earliest)}  # noqa: C416  # mypy reads the types of rows
+    served = connection.execute(earliest.where(Product.state == ProductState.RUNNING))
+    return every | {owner: turn for owner, turn in served}  # noqa: C416
 
 
 def revive(connection: Connection, digests: Collection[str]) -> None:
@@ -238,31 +256,74 @@ class Job:
     look: EvaluationLink | None = None
 
 
+class _Line(NamedTuple):
+    """The ready products of an owner in a queue; ``turn`` is the owner's, counted in products that the queue gave it."""
+
+    owner: str
+    turn: float
+
+
 def claim_next(connection: Connection, route: str, *, owner: str, now: float, lease_seconds: float) -> list[Job]:
     """Lease the ready products of a queue whose turn it is: one packet, or nothing where none is ready.
+
+    The owner comes first that the queue has given the fewest products. An owner whose line was empty begins with the one that
+    was served last, so it claims no time that passed.
 
     A product that was tried before comes alone: one that ends its process again and again must not use up the attempts of its
     neighbours. On Postgres, workers that claim at the same time pass over each other's rows; on SQLite nobody else writes.
     """
     due = or_(Product.not_before.is_(None), Product.not_before <= now)
-    ready = UNFINISHED, Product.state == ProductState.READY, Product.route == route, due
     columns = Product.digest, Product.kind, Product.cache_group, Product.turn, Product.attempts
-    first = select(*columns).where(*ready).order_by(Product.turn).limit(1).with_for_update(skip_locked=True)
-    while (row := connection.execute(first).first()) is not None:
-        digests: Sequence[str] = [row.digest]
-        if row.attempts == 0:
-            packet = (
-                select(Product.digest)
-                .where(*ready, Product.turn == row.turn, Product.kind == row.kind, Product.attempts == 0)
-                .where(Product.cache_group == row.cache_group)
-                .limit(packet_size(row.kind))
-                .with_for_update(skip_locked=True)
-            )
-            digests = connection.scalars(packet).all()
-        jobs = claim(connection, digests, owner=owner, now=now, lease_seconds=lease_seconds)
-        if jobs:
-            return jobs
+    for line in _lines(connection, route):
+        ready = *_ready(route), Product.owner == line.owner, due
+        first = select(*columns).where(*ready).order_by(Product.turn).limit(1).with_for_update(skip_locked=True)
+        while (row := connection.execute(first).first()) is not None:
+            digests: Sequence[str] = [row.digest]
+            if row.attempts == 0:
+                packet = (
+                    select(Product.digest)
+                    .where(*ready, Product.turn == row.turn, Product.kind == row.kind, Product.attempts == 0)
+                    .where(Product.cache_group == row.cache_group)
+                    .limit(packet_size(row.kind))
+                    .with_for_update(skip_locked=True)
+                )
+                digests = connection.scalars(packet).all()
+            jobs = claim(connection, digests, owner=owner, now=now, lease_seconds=lease_seconds)
+            if jobs:
+                _advance(connection, route, line, len(jobs))
+                return jobs
     return []
+
+
+def _ready(route: str) -> tuple[ColumnElement[bool], ...]:
+    return UNFINISHED, Product.state == ProductState.READY, Product.route == route
+
+
+def _lines(connection: Connection, route: str) -> list[_Line]:
+    """Return the lines of a queue, the one to be served first."""
+    # One step in the index per owner; DISTINCT would read all ready products.
+    found = select(func.min(Product.owner).label("owner")).where(*_ready(route)).cte("found", recursive=True)
+    following = select(func.min(Product.owner)).where(*_ready(route), Product.owner > found.c.owner)
+    found = found.union_all(select(following.correlate(found).scalar_subquery()).where(found.c.owner.is_not(None)))
+    latest = select(func.max(OwnerTurn.start)).where(OwnerTurn.route == route).scalar_subquery()
+    rows = connection.execute(
+        select(found.c.owner, OwnerTurn.turn, latest)
+        .outerjoin(OwnerTurn, and_(OwnerTurn.route == route, OwnerTurn.owner == found.c.owner))
+        .where(found.c.owner.is_not(None))
+    )
+    lines = [_Line(owner, max(turn or 0.0, start or 0.0)) for owner, turn, start in rows]
+    return sorted(lines, key=lambda line: (line.turn, line.owner))
+
+
+def _advance(connection: Connection, route: str, line: _Line, count: int) -> None:
+    # The last statement of the transaction: workers that serve the same owner wait for each other only here.
+    insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    start = case((OwnerTurn.turn > line.turn, OwnerTurn.turn), else_=line.turn)
+    values = {"route": route, "owner": line.owner, "start": line.turn, "turn": line.turn + count}
+    advanced = {"start": start, "turn": start + count}
+    connection.execute(
+        insert(OwnerTurn).values(values).on_conflict_do_update(index_elements=["route", "owner"], set_=advanced)
+    )
 
 
 def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:

@@ -68,6 +68,7 @@ class SubmittedRun:
     iteration: int
     variant_count: int
     priority: Priority
+    deadline: datetime | None
     owner: str | None
     project: str
     tenant: str

@@ -148,6 +148,8 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
             failed,
         )
     parts: list[RenderableType] = [head, table]
+    if progress.outlook:
+        parts.append(Text(f"  {progress.outlook}"))
     if progress.reason:
         parts.append(Text(f"  {progress.reason}", style="yellow"))
     return Group(*parts)

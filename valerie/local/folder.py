@@ -183,6 +183,7 @@ def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:
         rejected_count=row.rejected_count,
         tags=tuple(tags),
         archived=row.archive is not None,
+        deadline=row.deadline,
         created_at=row.created_at,
         started_at=row.started_at,
         finished_at=row.finished_at,

@@ -9,8 +9,15 @@ from pydantic import AfterValidator
 
 
 def in_utc(moment: datetime) -> datetime:
-    """Return a moment in UTC; one without time zone (SQLite stores none) is assumed to be in UTC."""
-    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    """Return a moment in UTC; one without time zone (SQLite stores none) is assumed to be in UTC.
+
+    Raises:
+        ValueError: in UTC, it is not within the years 1 to 9999.
+    """
+    try:
+        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    except OverflowError:
+        raise ValueError("outside the years 1 to 9999") from None
 
 
 #: A moment in a document or an answer; in UTC, whatever its time zone was.

@@ -45,6 +45,7 @@ export async function newView({ main, parameters, signal }) {
   const submit = h("button", { type: "button", class: "primary", disabled: true, on: { click: () => send() } }, "Submit run");
   const submits = may("POST /v1/runs");
   const priority = h("select", { id: "priority" }, ["low", "normal", "high"].map((one) => h("option", { selected: one === "normal" }, one)));
+  const deadline = h("input", { id: "deadline", type: "datetime-local" });
   const text = editor({
     label: "Spec as YAML",
     known: () => ({ schema, names: { ...catalog, cameras: asset?.cameras ?? [], parameters: asset?.parameters ?? [] } }),
@@ -102,7 +103,7 @@ export async function newView({ main, parameters, signal }) {
     }
     submit.disabled = true;
     try {
-      const run = await postSpec(`/v1/runs?priority=${priority.value}`, text.text, { signal, headers: { "Idempotency-Key": key } });
+      const run = await postSpec(`/v1/runs?${new URLSearchParams({ priority: priority.value, ...(deadline.value && { deadline: new Date(deadline.value).toISOString() }) })}`, text.text, { signal, headers: { "Idempotency-Key": key } });
       sessionStorage.removeItem(kept);
       toast("The run is submitted.");
       location.hash = `#/runs/${run.id}`;
@@ -131,7 +132,7 @@ export async function newView({ main, parameters, signal }) {
   const title = child ? child[0] : parent ? "Edit and rerun" : origin ? "Clone a run" : submits ? "New run" : "Plan a run";
   main.replaceChildren(
     h("div", { class: "stack" }, h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", origin ? h("a", { href: `#/runs/${origin}`, class: "mono" }, origin) : "new"),
-      h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), submits ? [h("label", { class: "inline", for: "priority" }, "Priority ", priority), submit] : null)),
+      h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), submits ? [h("label", { class: "inline", for: "priority" }, "Priority ", priority), h("label", { class: "inline", for: "deadline" }, "Deadline ", deadline), submit] : null)),
       submits ? null : h("p", { class: "note" }, `The token's role is ${role()}: it plans runs, and a runner submits them.`),
       child ? h("p", { class: "soft small" }, `${child[1]} Selected: `, h("code", {}, parameters.get("where") ?? "all rows")) : null,
       left,

@@ -83,10 +83,10 @@ export async function runView({ main, key, parameters, signal }) {
       may("POST /v1/runs") ? [h("a", { class: "button", href: `#/new?run=${key}` }, "Clone"), h("a", { class: "button", href: `#/new?parent=${key}` }, "Edit and rerun")] : null, offered.map((one) => h("button", { type: "button", class: one.danger ? "danger" : null, on: { click: () => act(one) } }, one.text)));
     put(reason, [progress.reason, state], progress.reason ? h("p", { class: `note ${look(state) === "bad" ? "bad" : "wait"}` }, progress.reason) : null);
     const left = remaining(progress);
-    put(facts, [state, run.started_at, ago(run.created_at), progress.variants, left],
+    put(facts, [state, run.started_at, ago(run.created_at), progress.variants, left, progress.outlook],
       run.project ? `Project ${run.project} · ` : "", `Submitted ${ago(run.created_at)}`, run.finished_at && run.started_at ? ` · took ${duration(Math.round((new Date(run.finished_at) - new Date(run.started_at)) / 1000))}` : "",
       ` · ${plural(progress.variants.total, "variant")}`, progress.variants.fed < progress.variants.total ? `, ${count(progress.variants.fed)} begun` : "",
-      progress.variants.rejected ? `, ${count(progress.variants.rejected)} rejected` : "", left && ` · ${left}`);
+      progress.variants.rejected ? `, ${count(progress.variants.rejected)} rejected` : "", left && ` · ${left}`, progress.outlook && ` · ${progress.outlook}`);
     facts.title = clock(run.created_at);
     put(stages, [progress.stages, ACTIVE.has(state)], Object.keys(progress.stages).length
       ? Object.entries(progress.stages).map(([name, stage]) => stageRow(name, stage, ACTIVE.has(state)))

@@ -53,6 +53,11 @@ class Progress(Read):
     reason: str | None = Field(None, description="why the run waits, is paused or failed")
     variants: VariantProgress
     stages: dict[Stage, StageProgress] = Field(description="render counts frames; infer and eval count evaluations")
+    outlook: str | None = Field(
+        None,
+        description="whether it will be done by its deadline at the present rate; null without one, and after its end",
+        examples=["deadline in 3 h 0 min, done in about 2 h 10 min"],
+    )
     updated_at: float | None = Field(
         description="time of the count, Unix seconds; null before the first", examples=[1764000000.0]
     )
@@ -70,6 +75,7 @@ class RunRead(Read):
     variant_count: int = Field(examples=[10])
     rejected_count: int = Field(examples=[0])
     priority: Priority = Field(examples=["normal"])
+    deadline: Moment | None = Field(description="when it should be done", examples=["2026-12-01T06:00:00Z"])
     project: str = Field(description="of the token that submitted it; empty: none", examples=["radar"])
     pins: AnyPins | None = Field(
         description="engines and functions in the numeric classes that the run keeps from its start; null before",

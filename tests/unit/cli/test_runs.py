@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -176,3 +177,42 @@ def test_an_asset_of_the_callers_own_folder_that_the_server_does_not_know_is_exp
     explained = CliRunner().invoke(app, arguments, input=text)
     assert isinstance(explained.exception, InvalidInput)
     assert f"the asset is in {tmp_path}" in str(explained.exception)
+
+
+def test_a_deadline_is_a_moment_or_a_time_from_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[datetime] = []
+
+    def submit(*_: object, deadline: datetime, **__: object) -> Run:
+        sent.append(deadline)
+        return Run.model_validate(RUN)
+
+    monkeypatch.setattr("valerie.client.Client.submit", submit)
+    before = datetime.now(UTC)
+    for options in (["--deadline", "2026-12-01T06:00Z"], ["--deadline", "2026-12-01T06:00"], ["--within", "4h"]):
+        result = CliRunner().invoke(app, ["submit", "-", "--url", "http://h:1", *options], input=SPEC)
+        assert result.exit_code == 0, result.output
+    assert sent[0] == sent[1] == datetime(2026, 12, 1, 6, tzinfo=UTC)
+    assert timedelta(hours=4) <= sent[2] - before <= timedelta(hours=4, minutes=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--deadline", "noon"], r"--deadline: is no moment; got noon; limit: ISO 8601"),
+        (["--within", "4 hours"], r"--within: is no time; got 4 hours; limit: a number with min, h or d"),
+        (["--within", "4h", "--deadline", "2026-12-01"], r"--within: excludes --deadline"),
+    ],
+)
+def test_a_deadline_that_is_none_is_refused(options: list[str], said: str) -> None:
+    with pytest.raises(InvalidInput, match=said):
+        CliRunner().invoke(app, ["submit", "-", "--url", "http://h:1", *options], input=SPEC, catch_exceptions=False)
+
+
+def test_status_says_whether_a_deadline_will_be_met(tmp_path: Path, invoke: CliRunner) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets")
+    pipeline.submit()
+    run_id = pipeline.submit(deadline=datetime.now(UTC) + timedelta(hours=2, minutes=1))
+    data = ["--data-dir", str(tmp_path / "data")]
+    assert "deadline in 2 h 0 min" in invoke.invoke(app, ["status", run_id, *data], catch_exceptions=False).stdout
+    assert "deadline" in invoke.invoke(app, ["status", *data], catch_exceptions=False).stdout

@@ -163,9 +163,9 @@ class TestWant:
         uploaded = Wanted(digest("p"), ProductKind.PREDICTION, UPLOADED_ROUTE, "g")
         with writing(engine) as connection:
             products.want(connection, [uploaded], 100.0, Turns(3.0))
-            assert products.present_turn(connection) is None
+            assert products.present_turns(connection) == {}
             products.want(connection, WANTED[:1], 100.0, Turns(7.0))
-            assert products.present_turn(connection) == 7.0
+            assert products.present_turns(connection) == {"": 7.0}
 
 
 def turns_announced(engine: Engine, start: float) -> list[float]:

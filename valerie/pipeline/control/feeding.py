@@ -88,7 +88,7 @@ class Feeder:
     def __init__(self, run: RunRow, settings: Settings) -> None:
         self._run_id = run.id
         self._count = run.variant_count
-        self._weight = run.priority.weight
+        self._owner = run.owner or ""
         stored = resolve_stored(run, settings)
         self._resolved, self._pins = stored.resolved, stored.pins
         self._making = {
@@ -96,7 +96,7 @@ class Feeder:
             for pins in self._pins.combinations()
         }
 
-    def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> WrittenBlock:
+    def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0, weight: float = 1.0) -> WrittenBlock:
         """Write the block that begins at variant ``first``, unless another process did or the run was stopped.
 
         Args:
@@ -104,6 +104,7 @@ class Feeder:
             first: index of a variant.
             now: Unix seconds.
             part: fraction of a whole block: runs that are fed at the same time share it.
+            weight: the run's share beside runs of weight 1 of the same owner.
         """
         rows = self._rows(first, part * BLOCK_PRODUCTS)
         following = first + len(rows.variants)
@@ -112,8 +113,7 @@ class Feeder:
             if run.next_index != first or run.state is not RunState.RUNNING:
                 return WrittenBlock(0, [], ())
             insert_rows(connection, Variant, _VariantRow, rows.variants)
-            present = products.present_turn(connection)
-            turns = Turns(run.turn if present is None else max(run.turn, present), self._weight)
+            turns = Turns(run.turn, weight, owner=self._owner, present=products.present_turns(connection))
             ready = products.want(connection, rows.wanted.values(), now, turns)
             insert_rows(connection, Frame, _FrameRow, rows.frames)
             insert_rows(connection, FrameAnnotation, _AnnotationRow, rows.annotations)

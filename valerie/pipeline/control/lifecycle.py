@@ -16,7 +16,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.sending import send_ready
 from valerie.pipeline.control.quotas import CPU_PERIOD, limits_costs, require_quota, require_room, spent_by
-from valerie.runs.products.progress import FrameProgress, Progress, VariantProgress
+from valerie.runs.products.progress import FrameProgress, ProgressToday, VariantProgress, outlook
 from valerie.runs.products.states import ProductState, RunState
 from valerie.storage.keys import run_prefix
 
@@ -32,15 +32,18 @@ _RETRYABLE: Final = (
 _UNFINISHED: Final = frozenset(ProductState) - {ProductState.DONE}
 
 
-def progress(connection: Connection, run_id: str) -> Progress:
-    """Return the progress of a run: the latest count, with its present state.
+def progress(connection: Connection, run_id: str) -> ProgressToday:
+    """Return the progress of a run: the latest count, with its present state and the outlook for its deadline.
 
     Raises:
         NotFound: no such run.
     """
     run = runs.get(connection, run_id)
-    counted = run.progress
-    return Progress(
+    counted, expected = run.progress, None
+    if run.deadline is not None:
+        now = database_time(connection)
+        expected = outlook(counted, run.state, run.deadline.timestamp() - now, now)
+    return ProgressToday(
         state=run.state,
         reason=run.reason,
         variants=VariantProgress(total=run.variant_count, fed=run.next_index, rejected=run.rejected_count),
@@ -48,6 +51,7 @@ def progress(connection: Connection, run_id: str) -> Progress:
         stages={} if counted is None else counted.stages,
         awaiting=0 if counted is None else counted.awaiting,
         updated_at=None if counted is None else counted.updated_at,
+        outlook=expected,
     )
 
 

@@ -40,6 +40,7 @@ from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress_counting import ProgressBook
 from valerie.pipeline.control.quotas import exhausted, limits_costs, spent_by
+from valerie.pipeline.control.sharing import parts_of, weights_of
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
 from valerie.runs.products.pins import Offer
@@ -199,19 +200,19 @@ class ControlLoop:
     def _feed(self, running: Sequence[RunRow], now: float) -> bool:
         """Write the next block of each run with variants left and room in the window; return True if there may be more.
 
-        Runs with variants left share the window by their priorities, so a small run does not
-        wait for a large one. A single run has the
-        whole window, and may write its first block even if other runs fill it.
+        Runs with variants left share the window as they share the workers, so a small run does not wait for a large one. A
+        single run has the whole window, and may write its first block even if other runs fill it.
         """
         hungry = [run for run in running if run.next_index < run.variant_count]
         if not hungry:
             return False
         with reading(self._context.engine) as connection:
             room = self._settings.feed_window - totals.unfinished_count(connection)
-        weights = sum(run.priority.weight for run in hungry)
+        weights = weights_of(running, now)
+        parts = parts_of(hungry, weights)
         more = False
         for run in sorted(hungry, key=lambda run: self._book.unfinished(run.id)):
-            own, part = self._book.unfinished(run.id), run.priority.weight / weights
+            own, part = self._book.unfinished(run.id), parts[run.id]
             if own >= part * self._settings.feed_window if len(hungry) > 1 else room <= 0 < own:
                 continue
             feeder = self._feeders.get(run.id)
@@ -223,7 +224,7 @@ class ControlLoop:
                 except ValerieError as error:
                     self._fail(run.id, str(error))
                     continue
-            fed = feeder.feed(self._context.engine, run.next_index, now, part=part)
+            fed = feeder.feed(self._context.engine, run.next_index, now, part=part, weight=weights[run.id])
             self._book.note_fed(run.id, fed.products)
             self._context.traces.frames(fed.frames)
             more = more or fed.products > 0

@@ -28,6 +28,7 @@ def submit(
     *,
     idempotency_key: str | None = None,
     priority: Priority = Priority.NORMAL,
+    deadline: datetime | None = None,
     owner: str | None = None,
     project: str = "",
 ) -> str:
@@ -37,7 +38,8 @@ def submit(
         context: of this process.
         spec: spec of the run.
         idempotency_key: a run with this key is not stored again; its id is returned.
-        priority: its part of the workers.
+        priority: its part of the workers beside other runs of its owner.
+        deadline: when it should be done; its part grows as the time gets short.
         owner: owner of the token that submits it; None: the operator.
         project: of that token; empty: none. A key belongs to it, and so does a parent.
 
@@ -72,6 +74,7 @@ def submit(
         iteration=spec.iteration,
         variant_count=resolved.space.size,
         priority=priority,
+        deadline=deadline,
         owner=owner,
         project=project,
         tenant=tenant,

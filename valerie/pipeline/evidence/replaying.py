@@ -118,6 +118,7 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
                 iteration=facts.iteration,
                 variant_count=resolved.space.size,
                 priority=Priority.NORMAL,
+                deadline=None,
                 owner=None,
                 project="",
                 tenant="",

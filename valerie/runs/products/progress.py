@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from valerie.document import Document
+from valerie.runs.moments import duration
 from valerie.runs.products.states import RunState, Stage
 
 
@@ -96,6 +97,11 @@ class StageProgress(Document):
     rate_per_s: float
     eta_s: float | None
 
+    @property
+    def unfinished(self) -> int:
+        """Number that are neither done nor failed."""
+        return self.total - self.done - self.failed
+
 
 class VariantProgress(Document):
     """Numbers of all variants of the run, of those with rows, and of rejected ones."""
@@ -138,3 +144,35 @@ class Progress(Document):
         total = sum(stage.total for stage in self.stages.values())
         ended = sum(stage.done + stage.failed for stage in self.stages.values())
         return max(0.0, 1 - ended / total) if total else 1.0
+
+
+class ProgressToday(Progress):
+    """Progress of a run at the moment of reading.
+
+    Attributes:
+        outlook: whether it will be done by its deadline at its present rate; None if it has none or has ended.
+    """
+
+    outlook: str | None
+
+
+def outlook(counted: Progress | None, state: RunState, left: float, now: float) -> str | None:
+    """Return whether an unfinished run will be done by its deadline at its present rate, in words.
+
+    Args:
+        counted: at the latest count.
+        state: of the run.
+        left: seconds until the deadline.
+        now: Unix seconds.
+    """
+    if state.is_final:
+        return None
+    words = f"deadline in {duration(left)}" if left >= 0 else f"deadline passed {duration(-left)} ago"
+    times = [] if counted is None else [stage.eta_s for stage in counted.stages.values()]
+    known = [seconds for seconds in times if seconds is not None]
+    if state is not RunState.RUNNING or counted is None or not times or len(known) < len(times):
+        return words
+    needed = max(0.0, max(known) - (now - (counted.updated_at or now)))
+    if needed > left:
+        return f"{words}, will be missed by about {duration(needed - left)}"
+    return f"{words}, done in about {duration(needed)}"

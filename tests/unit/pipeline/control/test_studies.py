@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from html import escape, unescape
 from pathlib import Path
 from typing import Any
@@ -675,3 +676,10 @@ def test_a_strategy_that_is_not_allowed_or_refuses_its_options_is_refused(
 def test_a_budget_without_any_answer_is_refused(pipeline: Pipeline, change: dict[str, Any], limit: str) -> None:
     with pytest.raises(InvalidInput, match=f"budget.variants: .*{limit}"):
         begin(pipeline, **change)
+
+
+def test_the_runs_of_a_study_have_its_deadline(pipeline: Pipeline) -> None:
+    study = begin(pipeline, budget=SHORT | {"deadline": "2999-12-01T06:00Z"})
+    pursue(pipeline, study, until=lambda: any(batch.run_id for batch in batches(pipeline, study)))
+    ids = [batch.run_id for batch in batches(pipeline, study) if batch.run_id]
+    assert {pipeline.row(run_id).deadline for run_id in ids} == {datetime(2999, 12, 1, 6, tzinfo=UTC)}

@@ -190,3 +190,21 @@ def test_the_list_of_runs_is_compressed_for_those_who_accept_it(api: httpx.Clien
     assert "Content-Encoding" not in plain.headers
     assert packed.json() == plain.json()
     assert int(packed.headers["Content-Length"]) < len(plain.content) / 2
+
+
+def test_a_run_has_the_deadline_that_it_was_submitted_with_and_says_what_becomes_of_it(fresh: httpx.Client) -> None:
+    run = fresh.post("/v1/runs?deadline=2999-12-01T06:00%2B01:00", json=spec("by then")).json()
+    assert run["deadline"] == "2999-12-01T05:00:00Z"
+    assert fresh.get(f"/v1/runs/{run['id']}/progress").json()["outlook"].startswith("deadline in ")
+    assert fresh.get("/v1/runs").json()["items"][0]["deadline"] == "2999-12-01T05:00:00Z"
+    free = post(fresh, spec("whenever")).json()
+    assert free["deadline"] is None
+    assert fresh.get(f"/v1/runs/{free['id']}/progress").json()["outlook"] is None
+
+
+@pytest.mark.parametrize("deadline", ["2020-01-01T00:00Z", "soon", "9999-12-31T23:00-05:00"])
+def test_a_deadline_that_is_no_moment_ahead_is_refused(deadline: str, fresh: httpx.Client) -> None:
+    answer = fresh.post("/v1/runs", params={"deadline": deadline}, json=spec("never"))
+    assert answer.status_code == 422
+    assert "deadline" in answer.json()["errors"][0]["field"]
+    assert "never" not in [run["name"] for run in fresh.get("/v1/runs").json()["items"]]

@@ -99,7 +99,14 @@ class StudyKeeper:
         spec = pursuit.spec(batch.number, parent=parent_of(batches, batch.number))
         key = f"study/{study.id}/{batch.number}"
         try:
-            run_id = submit(self._context, spec, idempotency_key=key, owner=study.owner, project=study.project)
+            run_id = submit(
+                self._context,
+                spec,
+                idempotency_key=key,
+                deadline=study.document.budget.deadline,
+                owner=study.owner,
+                project=study.project,
+            )
         except QuotaExceeded as error:
             if limits_costs(self._context.settings, study.owner, study.project):
                 self._refused[study.id] = self._context.elapsed() + _REFUSED_SECONDS
