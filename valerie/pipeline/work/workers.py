@@ -110,6 +110,7 @@ class Presence:
                 processes.remove_worker(connection, self._worker.id)
         except TransientError as error:
             log.warning("worker.goodbye", reason=str(error))
+        self._engine.dispose()
 
     def _run(self) -> None:
         while not self._stop.wait(_SEEN_EVERY_SECONDS):
