@@ -1,16 +1,12 @@
 """The store over a real S3 endpoint: moto's server as a process of its own."""
 
-import subprocess
-import sys
-import time
-import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.world.bucket import s3_server
 from valerie.errors import InvalidInput, NotFound, StorageUnavailable
 from valerie.rendering.base import LinearImage
 from valerie.storage import ArtifactStore, codecs, open_store
@@ -23,29 +19,8 @@ KEY = product_key("layer", "0123456789abcdef0123456789abcdef")
 
 @pytest.fixture(scope="module")
 def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    log = tmp_path_factory.mktemp("moto") / "log"
-    # Port 0 lets the system choose; the server says which in its first lines.
-    with log.open("wb") as stream:
-        server = subprocess.Popen(
-            [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", "0"], stdout=stream, stderr=stream
-        )
-    try:
-        yield _address(log, server)
-    finally:
-        server.terminate()
-        server.wait(10)
-
-
-def _address(log: Path, server: subprocess.Popen[bytes]) -> str:
-    for _ in range(600):
-        text = log.read_text()
-        if "Running on http://127.0.0.1:" in text:
-            url = "http://127.0.0.1:" + text.split("Running on http://127.0.0.1:")[1].split()[0]
-            urllib.request.urlopen(url + "/moto-api/", timeout=5).close()
-            return url
-        assert server.poll() is None, text
-        time.sleep(0.05)
-    raise AssertionError(f"moto's server did not start: {log.read_text()}")
+    with s3_server(tmp_path_factory.mktemp("moto")) as url:
+        yield url
 
 
 @pytest.fixture

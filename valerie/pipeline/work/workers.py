@@ -112,17 +112,21 @@ class Presence:
                 processes.remove_worker(connection, self._worker.id)
         except TransientError as error:
             log.warning("worker.goodbye", reason=str(error))
+        self._engine.dispose()
 
     def _run(self) -> None:
         while not self._stop.wait(_SEEN_EVERY_SECONDS):
-            try:
-                with unforked(), writing(self._engine) as connection:
-                    now = database_time(connection)
-                    if not processes.worker_seen(connection, self._worker.id, now):
-                        processes.register_worker(connection, replace(self._worker, seen_at=now))
-                self._health.touch()
-            except (TransientError, OSError) as error:
-                log.warning("worker.presence", reason=str(error))
+            for sign in (self._health.touch, self._refresh):  # each also where the other fails: a database may be away
+                try:
+                    sign()
+                except (TransientError, OSError) as error:
+                    log.warning("worker.presence", reason=str(error))
+
+    def _refresh(self) -> None:
+        with unforked(), writing(self._engine) as connection:
+            now = database_time(connection)
+            if not processes.worker_seen(connection, self._worker.id, now):
+                processes.register_worker(connection, replace(self._worker, seen_at=now))
 
 
 def render_offers(engines: Sequence[str]) -> Probed:
