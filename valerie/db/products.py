@@ -238,27 +238,45 @@ class Job:
     look: EvaluationLink | None = None
 
 
+_DUE: Final = (
+    UNFINISHED,
+    Product.state == ProductState.READY,
+    Product.route == bindparam("route"),
+    or_(Product.not_before.is_(None), Product.not_before <= bindparam("now")),
+)
+_FIRST: Final = (
+    select(Product.digest, Product.kind, Product.cache_group, Product.turn, Product.attempts)
+    .where(*_DUE)
+    .order_by(Product.turn)
+    .limit(1)
+)
+_NEXT: Final = _FIRST.with_for_update(skip_locked=True)
+_PACKET: Final = (
+    select(Product.digest)
+    .where(*_DUE, Product.turn == bindparam("turn"), Product.kind == bindparam("kind"), Product.attempts == 0)
+    .where(Product.cache_group == bindparam("group"))
+    .limit(bindparam("most"))
+    .with_for_update(skip_locked=True)
+)
+
+
+def any_due(connection: Connection, route: str, *, now: float) -> bool:
+    """Return whether `claim_next` may find a product of a queue; unlike it, this locks and writes nothing."""
+    return connection.execute(_FIRST, {"route": route, "now": now}).first() is not None
+
+
 def claim_next(connection: Connection, route: str, *, owner: str, now: float, lease_seconds: float) -> list[Job]:
     """Lease the ready products of a queue whose turn it is: one packet, or nothing where none is ready.
 
     A product that was tried before comes alone: one that ends its process again and again must not use up the attempts of its
     neighbours. On Postgres, workers that claim at the same time pass over each other's rows; on SQLite nobody else writes.
     """
-    due = or_(Product.not_before.is_(None), Product.not_before <= now)
-    ready = UNFINISHED, Product.state == ProductState.READY, Product.route == route, due
-    columns = Product.digest, Product.kind, Product.cache_group, Product.turn, Product.attempts
-    first = select(*columns).where(*ready).order_by(Product.turn).limit(1).with_for_update(skip_locked=True)
-    while (row := connection.execute(first).first()) is not None:
+    asked = {"route": route, "now": now}
+    while (row := connection.execute(_NEXT, asked).first()) is not None:
         digests: Sequence[str] = [row.digest]
         if row.attempts == 0:
-            packet = (
-                select(Product.digest)
-                .where(*ready, Product.turn == row.turn, Product.kind == row.kind, Product.attempts == 0)
-                .where(Product.cache_group == row.cache_group)
-                .limit(packet_size(row.kind))
-                .with_for_update(skip_locked=True)
-            )
-            digests = connection.scalars(packet).all()
+            packet = {"turn": row.turn, "kind": row.kind, "group": row.cache_group, "most": packet_size(row.kind)}
+            digests = connection.scalars(_PACKET, asked | packet).all()
         jobs = claim(connection, digests, owner=owner, now=now, lease_seconds=lease_seconds)
         if jobs:
             return jobs
