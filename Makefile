@@ -101,13 +101,10 @@ test-wheel: setup-dev ## Build the wheel, install it without the sources and run
 test-browser: setup-dev ## Test the dashboard in Chromium, with axe-core on every page (minutes)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m browser tests/integration $(PYTEST_OPTIONS)
 
-# Seeds are spread over two processes. A failing one prints the command that repeats it.
 SCHEDULES ?= 10000
 .PHONY: test-simulation
 test-simulation: setup-dev ## Try 10,000 seeded schedules of faults on the control plane (SCHEDULES=100)
-	$(PYTHON_BIN) -m tests.simulation --schedules $$(($(SCHEDULES) / 2)) & \
-	$(PYTHON_BIN) -m tests.simulation --schedules $$(($(SCHEDULES) / 2)) --first $$(($(SCHEDULES) / 2 + 1)); \
-	  result=$$?; wait $$! && exit $$result
+	$(PYTHON_BIN) -m tests.simulation --schedules $(SCHEDULES) --processes 2
 
 .PHONY: chaos
 chaos: SCHEDULES = 10

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import logging
+import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 
 import structlog
 
 from tests.simulation.bugs import BUGS
-from tests.simulation.world import FAULTS, Outcome, Simulation
+from tests.simulation.world import FAULTS, Outcome, Simulation, run_schedule
 
 #: Schedules within which a planted bug must be found.
 _SOON = 20
@@ -25,6 +27,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.simulation", description=__doc__)
     parser.add_argument("--seed", type=int, help="run this schedule only, and print its trace")
     parser.add_argument("--schedules", type=int, default=100, help="number of seeds to try")
+    parser.add_argument("--processes", type=int, default=1, help="number of processes that share the seeds")
     parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument(
         "--fault", action="append", choices=sorted(set(FAULTS)), help="use only this fault; may be repeated"
@@ -41,11 +44,14 @@ def main() -> int:
     faults = arguments.fault or FAULTS
     with BUGS[arguments.bug].plant() if arguments.bug else nullcontext():
         if arguments.seed is not None:
-            outcome = judged(Simulation(arguments.seed, faults).run(), calm)
+            outcome, _ = tried(arguments.seed, faults, calm)
             print("\n".join(outcome.trace), *outcome.violations, sep="\n")
             return int(bool(outcome.violations))
         seeds = range(arguments.first, arguments.first + arguments.schedules)
-        violated = many(seeds, faults, calm, " ".join(f"--fault '{fault}'" for fault in arguments.fault or ()))
+        with multiprocessing.get_context("fork").Pool(arguments.processes) as pool:
+            outcomes = pool.imap(partial(tried, faults=faults, calm=calm), seeds)
+            options = " ".join(f"--fault '{fault}'" for fault in arguments.fault or ())
+            violated = many(zip(seeds, outcomes, strict=True), calm, options)
     missed = [name for name in BUGS if arguments.prove and not found(name, calm)]
     return int(violated or bool(missed))
 
@@ -58,23 +64,30 @@ def judged(outcome: Outcome, calm: Outcome) -> Outcome:
     return replace(outcome, violations=(text,))
 
 
-def many(seeds: range, faults: Sequence[str], calm: Outcome, options: str) -> bool:
-    """Try seeds, print figures and the command that repeats each failure, and return whether a seed failed."""
-    started, failed, worst, steps, disturbed = time.process_time(), 0, (0.0, 0), 0, 0
-    for seed in seeds:
-        outcome = judged(Simulation(seed, faults).run(), calm)
-        worst = max(worst, (outcome.standstill, seed))
-        steps, disturbed = steps + outcome.steps, disturbed + outcome.faults
+def tried(seed: int, faults: Sequence[str], calm: Outcome) -> tuple[Outcome, float]:
+    """Return the judged outcome of a seed, and the CPU seconds that it took."""
+    started = time.process_time()
+    return judged(run_schedule(seed, faults), calm), time.process_time() - started
+
+
+def many(tries: Iterable[tuple[int, tuple[Outcome, float]]], calm: Outcome, options: str) -> bool:
+    """Print figures of seeds and the command that repeats each failure, and return whether a seed failed."""
+    outcomes, seconds, failed = dict[int, Outcome](), 0.0, 0
+    for seed, (outcome, took) in tries:
+        outcomes[seed], seconds = replace(outcome, trace=()), seconds + took
         if outcome.violations:
             failed += 1
             print(
                 f"seed {seed}: {outcome.violations[0]}\n  python -m tests.simulation --seed {seed} {options}",
                 flush=True,
             )
+    felt, drawn = (sum(getattr(each, name) for each in outcomes.values()) for name in ("felt", "drawn"))
+    worst = max(outcomes, key=lambda seed: outcomes[seed].standstill)
     print(
-        f"{len(seeds)} schedules of {calm.products} products, {disturbed} faults, {steps} steps, "
-        f"{time.process_time() - started:.1f} CPU-s: {failed} failed; "
-        f"longest standstill {worst[0]:.1f} s (seed {worst[1]})"
+        f"{len(outcomes)} schedules of {calm.products} products, {felt} of {drawn} faults felt "
+        f"(at least {min(each.felt for each in outcomes.values())} in each), "
+        f"{sum(each.steps for each in outcomes.values())} steps, {seconds:.1f} CPU-s: {failed} failed; "
+        f"longest standstill {outcomes[worst].standstill:.1f} s (seed {worst})"
     )
     return failed > 0
 
@@ -84,7 +97,7 @@ def found(name: str, calm: Outcome) -> bool:
     bug = BUGS[name]
     with bug.plant():
         for seed in range(1, _SOON + 1):
-            outcome = judged(Simulation(seed, (bug.fault,)).run(), calm)
+            outcome = judged(run_schedule(seed, (bug.fault,)), calm)
             if outcome.violations:
                 print(f"{name} is found by --bug {name} --fault '{bug.fault}' --seed {seed}: {outcome.violations[0]}")
                 return True

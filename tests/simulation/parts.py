@@ -25,23 +25,42 @@ from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
 
-@dataclass
-class Weather:
-    """Current disturbances: the end of each in seconds of the schedule; shares of lost and doubled messages; largest delay."""
+@dataclass(eq=False)
+class Fault:
+    """A fault; ``felt`` once it changed what a process of the product does or sees."""
 
-    locked: float = 0.0
-    away: float = 0.0
-    hung: float = 0.0
-    full: float = 0.0
-    read_only: float = 0.0
-    lost: float = 0.0
-    doubled: float = 0.0
-    delay: float = 0.0
+    name: str
+    felt: bool = False
+
+
+class Weather:
+    """Current disturbances.
+
+    Attributes:
+        lost, doubled: shares of messages.
+        delay: largest delay of a message, seconds.
+    """
+
+    def __init__(self, schedule: Schedule) -> None:
+        self.lost = self.doubled = self.delay = 0.0
+        self._schedule = schedule
+        self._spells: list[tuple[float, Fault]] = []
 
     @property
     def clear_at(self) -> float:
         """Time after which only messages are disturbed, seconds of the schedule."""
-        return max(self.locked, self.away, self.hung, self.full, self.read_only)
+        return max((until for until, _ in self._spells), default=0.0)
+
+    def begin(self, fault: Fault, until: float) -> None:
+        """Let a fault last until a moment of the schedule."""
+        self._spells.append((until, fault))
+
+    def meets(self, name: str) -> bool:
+        """Return whether a process meets faults of this name now; they are felt."""
+        met = [fault for until, fault in self._spells if fault.name == name and until > self._schedule.now]
+        for fault in met:
+            fault.felt = True
+        return bool(met)
 
 
 class Database:
@@ -64,7 +83,7 @@ class Database:
 
     def _wait(self) -> None:
         self._schedule.pause()
-        if self._weather.locked > self._schedule.now and self._schedule.random.random() < 0.5:
+        if self._schedule.random.random() < 0.5 and self._weather.meets("lock database"):
             raise OperationalError("BEGIN", {}, sqlite3.OperationalError("database is locked"))
 
 
@@ -87,14 +106,14 @@ class Queues:
 
     def take(self, queues: Collection[str]) -> TaskMessage | None:
         """Remove and return a message that has arrived in one of ``queues``; None without any."""
-        if self._weather.away > self._schedule.now or self._weather.hung > self._schedule.now:
-            return None
         arrived = [
             place
             for place, (moment, message) in enumerate(self.messages)
             if message.queue in queues and moment <= self._schedule.now
         ]
-        return self.messages.pop(self._schedule.random.choice(arrived))[1] if arrived else None
+        if not arrived or self._weather.meets("restart broker") or self._weather.meets("hang broker"):
+            return None
+        return self.messages.pop(self._schedule.random.choice(arrived))[1]
 
     def redeliver(self, message: TaskMessage, after: float) -> None:
         """Return a message of a dead worker to its queue."""
@@ -113,10 +132,10 @@ class Queues:
 
     def _answer(self) -> None:
         self._schedule.pause()
-        if self._weather.hung > self._schedule.now:
+        if self._weather.meets("hang broker"):
             self._schedule.sleep(4.0)
             raise TransientError("the broker hangs")
-        if self._weather.away > self._schedule.now:
+        if self._weather.meets("restart broker"):
             raise TransientError("the broker is away")
 
 
@@ -126,25 +145,33 @@ class Store(ArtifactStore):
     def __init__(self, schedule: Schedule, weather: Weather) -> None:
         super().__init__(MemoryStore(), url="memory:")
         self._schedule, self._weather = schedule, weather
+        self._damaged: dict[str, Fault] = {}
 
     def put(self, key: str, data: bytes, *, replace: bool = False) -> bool:
         self._schedule.pause()
-        if self._weather.full > self._schedule.now:
+        if self._weather.meets("fill store"):
             raise StorageFull("no space left")
-        if self._weather.read_only > self._schedule.now:
+        if self._weather.meets("read-only store"):
             raise StorageUnavailable("read-only file system")
+        self._damaged.pop(key, None)
         return super().put(key, data, replace=replace)
 
-    def damage(self, *, tear: bool) -> str | None:
-        """Truncate or delete a random object; return its key."""
+    def get(self, key: str) -> bytes:
+        if key in self._damaged:
+            self._damaged[key].felt = True
+        return super().get(key)
+
+    def damage(self, fault: Fault) -> str | None:
+        """Truncate or delete a random object; return its key. The fault is felt by whoever reads it."""
         keys = sorted(info.key for info in self.list("products"))
         if not keys:
             return None
         key = self._schedule.random.choice(keys)
-        if tear:
-            super().put(key, self.get(key)[:-7], replace=True)
+        if fault.name == "tear object":
+            super().put(key, super().get(key)[:-7], replace=True)
         else:
             self.delete(key)
+        self._damaged[key] = fault
         return key
 
 

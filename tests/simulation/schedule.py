@@ -39,7 +39,7 @@ class Process:
 class Schedule:
     """Runs processes in an order determined by a seed, and calls ``after`` after each step."""
 
-    def __init__(self, seed: int, after: Callable[[], None]) -> None:
+    def __init__(self, seed: int | str, after: Callable[[], None]) -> None:
         self.random = Random(seed)
         self.now = 0.0
         self.jump = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import math
+import sqlite3
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
@@ -12,9 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Engine
-
-from tests.simulation.parts import Database, Maker, Queues, Store, Weather, pixels_of
+from tests.simulation.parts import Database, Fault, Maker, Queues, Store, Weather, pixels_of
 from tests.simulation.schedule import Process, Schedule
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
@@ -25,14 +23,17 @@ from valerie.db.runs import RunRow
 from valerie.errors import Conflict, TransientError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
-from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.control.loop import ROLE, ControlLoop
 from valerie.pipeline.work.finish import Keep, finish_run
 from valerie.pipeline.work.stages import serve_queue
 from valerie.runs.products.states import EVAL_QUEUE
 
-LEASE = 10.0
-MAX_ATTEMPTS = 4
-FIRST_FAULT, LAST_FAULT = 1.0, 25.0
+LEASE = 5.0
+MAX_ATTEMPTS = 3
+#: Faults are drawn until so many were felt.
+FELT = 5
+#: Mean time between two faults, and the time after which there are none, seconds.
+PAUSE, LAST_FAULT = 0.7, 60.0
 #: Time limit of a run after the last fault, seconds: a lease, the sweeps, and pauses before further attempts.
 PATIENCE = 150.0
 FAULTS = (
@@ -73,9 +74,10 @@ CREATE TRIGGER viewed AFTER INSERT ON person_views BEGIN SELECT viewed(NEW.truth
 CREATE TRIGGER scored AFTER INSERT ON person_scores BEGIN SELECT viewed(NEW.digest, NEW.tp); END;
 """
 _LOST = """
-SELECT count(*) FROM products AS p JOIN frames AS f ON p.digest IN (f.background, f.layer, f.truth)
-  JOIN runs AS r ON r.id = f.run_id WHERE p.state = 'parked' AND r.state = 'running'
+SELECT count(*) FROM products AS p CROSS JOIN frames AS f ON p.digest IN (f.background, f.layer, f.truth)
+  CROSS JOIN runs AS r ON r.id = f.run_id WHERE p.state = 'parked' AND r.state = 'running'
 """
+_HOLDER = "SELECT 1 FROM leases WHERE name = ? AND owner = ?"
 _RESULT = """
 SELECT f.run_id, f.variant_index, f.camera_index, p.digest, p.state, p.bytes, v.pixel_area, s.tp, s.fn FROM frames AS f
   JOIN evaluations AS e USING (run_id, variant_index, camera_index, time_index)
@@ -92,7 +94,8 @@ class Outcome:
     Attributes:
         violations: violated invariants.
         digest: of all rows and objects.
-        faults, steps, seconds: numbers of faults and steps, and the virtual time until all runs ended.
+        drawn, felt: numbers of faults, and of those that had an effect.
+        steps, seconds: number of steps, and the virtual time until all runs ended.
         standstill: longest time without progress of any product after the last disturbance, seconds.
         products: number of products.
         trace: log of all steps and faults.
@@ -100,7 +103,8 @@ class Outcome:
 
     violations: tuple[str, ...]
     digest: str
-    faults: int
+    drawn: int
+    felt: int
     steps: int
     seconds: float
     standstill: float
@@ -108,17 +112,42 @@ class Outcome:
     trace: tuple[str, ...]
 
 
+class _Deployment:
+    """Two submitted runs that share most products, and the engine of all schedules, which keeps compiled statements.
+
+    Attributes:
+        runs: their ids.
+        context: of a process, with the engine.
+        clock: of the engine.
+    """
+
+    def __init__(self) -> None:
+        folder = Path(tempfile.mkdtemp(prefix="valerie-simulation-"))
+        write_box_street(folder / "assets" / "box-street")
+        pipeline = Pipeline(
+            folder / "data", folder / "assets", lease_seconds=LEASE, heartbeat_seconds=1.0, resend_seconds=2.0,
+            sweep_seconds=1.0, max_attempts=MAX_ATTEMPTS,
+        )  # fmt: skip
+        specs = spec(xs=3, ys=1, name="one camera", cameras=["camera-1"]), spec(xs=2, ys=1, name="two cameras")
+        self.runs = tuple(pipeline.submit(document) for document in specs)
+        self._start = sqlite3.connect(":memory:")  # a forked process may use it, too
+        pipeline.context.engine.raw_connection().driver_connection.backup(self._start)  # type: ignore[union-attr]
+        self._start.executescript(_WATCH)
+        self.clock: Callable[[], float] = lambda: 0.0
+        self._engine = open_database("sqlite://", clock=lambda: self.clock())
+        self.context = replace(pipeline.context, engine=self._engine)
+
+    def restart(self, schedule: Schedule) -> Any:
+        """Return the connection of the engine, whose database is again what it was at the start."""
+        self.clock = schedule.clock
+        raw: Any = self._engine.raw_connection().driver_connection
+        self._start.backup(raw)
+        return raw
+
+
 @cache
-def _template() -> tuple[Any, Engine, tuple[str, ...]]:
-    """Return a deployment with two submitted runs that share most products."""
-    folder = Path(tempfile.mkdtemp(prefix="valerie-simulation-"))
-    write_box_street(folder / "assets" / "box-street")
-    pipeline = Pipeline(
-        folder / "data", folder / "assets", lease_seconds=LEASE, heartbeat_seconds=2.0, resend_seconds=4.0,
-        sweep_seconds=1.0, max_attempts=MAX_ATTEMPTS,
-    )  # fmt: skip
-    names = tuple(pipeline.submit(spec(xs=xs, ys=1, name=f"run-{xs}")) for xs in (3, 4))
-    return pipeline, pipeline.context.engine, names
+def _deployment() -> _Deployment:
+    return _Deployment()
 
 
 class _AtOnce(Executor):
@@ -133,32 +162,39 @@ class _AtOnce(Executor):
         return future
 
 
+def run_schedule(seed: int, faults: Sequence[str] = FAULTS) -> Outcome:
+    """Run the schedule of a seed; one in which too few of all faults were felt is drawn again."""
+    outcome = Simulation(seed, faults).run()
+    attempt = 1
+    while tuple(faults) == FAULTS and outcome.felt < FELT and not outcome.violations:
+        attempt += 1
+        outcome = Simulation(f"{seed}, {attempt}", faults).run()
+    return outcome
+
+
 class Simulation:
     """See `tests.simulation`."""
 
-    def __init__(self, seed: int, faults: Sequence[str] = FAULTS) -> None:
-        pipeline, template, self._runs = _template()
+    def __init__(self, seed: int | str, faults: Sequence[str] = FAULTS) -> None:
+        deployment = _deployment()
+        self._runs = deployment.runs
         self._schedule = Schedule(seed, self._check)
         self._random = self._schedule.random
-        self._weather = Weather()
+        self._weather = Weather(self._schedule)
         self._queues = Queues(self._schedule, self._weather)
         self._store = Store(self._schedule, self._weather)
         self._violations: list[str] = []
         self._moved_at = self._disturbed_at = self._standstill = 0.0
-        self._faults: list[tuple[float, str]] = []
-        self._engine = open_database("sqlite://", clock=self._schedule.clock)
-        raw: Any = self._engine.raw_connection().driver_connection
-        source: Any = template.raw_connection()
-        source.driver_connection.backup(raw)
-        source.close()
-        self._sql = raw
+        self._kinds, self._count = faults, 0
+        self._faults: list[Fault] = []
+        self._acts: dict[str, Fault] = {}
+        self._sql = raw = deployment.restart(self._schedule)
         raw.create_function("moved", 5, self._moved)
         raw.create_function("tried", 2, self._tried)
         raw.create_function("viewed", 2, self._viewed)
-        raw.executescript(_WATCH)
         self._base = replace(
-            pipeline.context,
-            engine=Database(self._engine, self._schedule, self._weather),
+            deployment.context,
+            engine=Database(deployment.context.engine, self._schedule, self._weather),
             store=self._store,
             broker=self._queues,
             elapsed=lambda: self._schedule.now,
@@ -169,10 +205,8 @@ class Simulation:
         self._numbers = 0
         if faults:
             self._weather.lost, self._weather.doubled = self._random.choice(((0, 0), (0.05, 0.2), (0.3, 0.05)))
-            self._weather.delay = self._random.choice((0.0, 1.0, 8.0))
-            count = self._random.randint(5, 9)
-            times = sorted(self._random.uniform(FIRST_FAULT, LAST_FAULT) for _ in range(count))
-            self._faults = [(moment, self._random.choice(faults)) for moment in times]
+            self._weather.delay = self._random.choice((0.0, 1.0, 5.0))
+            self._count = FELT
 
     def run(self) -> Outcome:
         """Run the schedule to its end."""
@@ -183,16 +217,14 @@ class Simulation:
             ("eval-2", self._worker("eval")),
         ):  # fmt: skip
             schedule.at(0.0, lambda name=name, body=body: self._start(name, body))  # type: ignore[misc]
-        for moment, fault in self._faults:
-            schedule.at(moment, lambda fault=fault: self._disturb(fault))  # type: ignore[misc]
+        schedule.at(self._random.expovariate(1 / PAUSE), self._draw)
         schedule.at(5.0, self._look)
         schedule.run(self._over)
         digest = self._digest()
         products = self._sql.execute("SELECT count(*) FROM products").fetchone()[0]
-        self._engine.dispose()
         return Outcome(
-            tuple(self._violations), digest, len(self._faults), schedule.steps, schedule.now, self._standstill, products,
-            tuple(schedule.trace),
+            tuple(self._violations), digest, len(self._faults), self._felt(), schedule.steps, schedule.now,
+            self._standstill, products, tuple(schedule.trace),
         )  # fmt: skip
 
     # -- processes -------------------------------------------------------------------------------------------------------
@@ -211,7 +243,7 @@ class Simulation:
                 loop.tick(everything=True)
             except TransientError as error:
                 self._schedule.note(f"{process.name} waits: {error}")
-            self._schedule.sleep(self._random.uniform(1.0, 2.5))
+            self._schedule.sleep(self._random.uniform(1.5, 3.5))
 
     def _worker(self, stage: str) -> Callable[[Process, Context], None]:
         def work(process: Process, context: Context) -> None:
@@ -248,72 +280,90 @@ class Simulation:
 
     # -- faults ----------------------------------------------------------------------------------------------------------
 
-    def _disturb(self, fault: str) -> None:
+    def _felt(self) -> int:
+        return sum(fault.felt for fault in self._faults)
+
+    def _calm(self) -> bool:
+        """Return whether there are no further faults, and the last one is over."""
+        drawn = self._felt() >= self._count or self._schedule.now > LAST_FAULT
+        return drawn and self._schedule.now > self._disturbed_at
+
+    def _draw(self) -> None:
+        """Let faults happen until enough of them were felt."""
+        if self._felt() >= self._count or self._schedule.now > LAST_FAULT:
+            return
+        fault = Fault(self._random.choice(self._kinds))
+        self._faults.append(fault)
+        self._disturb(fault)
+        self._schedule.at(self._schedule.now + self._random.expovariate(1 / PAUSE), self._draw)
+
+    def _disturb(self, fault: Fault) -> None:
         schedule, random, weather = self._schedule, self._random, self._weather
-        schedule.note(f"fault: {fault}")
-        self._disturbed_at = max(self._disturbed_at, schedule.now)
-        until = schedule.now + random.uniform(2.0, 15.0)
-        what, _, _ = fault.partition(" ")
-        match fault:
-            case "kill worker" | "kill control":
-                self._kill(self._any(fault.split()[1]))
-            case "freeze worker" | "freeze control":
-                process = self._processes[self._any(fault.split()[1])][0]
-                process.frozen_until = schedule.now + random.uniform(0.5, 2.5) * LEASE
-                self._disturbed_at = max(self._disturbed_at, process.frozen_until)
-            case "restart broker":
-                weather.away = max(weather.away, until)
-            case "hang broker":
-                weather.hung = max(weather.hung, until)
-            case "empty broker":
+        schedule.note(f"fault: {fault.name}")
+        until = schedule.now + random.uniform(1.0, 8.0)
+        over = schedule.now
+        match fault.name.split():
+            case "kill", kind:
+                self._kill(self._any(kind), fault)
+            case "freeze", kind:
+                name = self._any(kind)
+                over = self._processes[name][0].frozen_until = schedule.now + random.uniform(0.5, 2.5) * LEASE
+                fault.felt = self._works(name)
+            case ("restart" | "hang", "broker") | ("fill" | "read-only", "store") | ("lock", "database"):
+                weather.begin(fault, until)
+                over = until
+            case "empty", "broker":
+                fault.felt = bool(self._queues.messages)
                 self._queues.messages.clear()
-            case "fill store":
-                weather.full = max(weather.full, until)
-            case "read-only store":
-                weather.read_only = max(weather.read_only, until)
-            case "tear object" | "lose object":
-                schedule.note(f"  {self._store.damage(tear=what == 'tear')}")
-            case "clock forward" | "clock back":
-                schedule.jump += 7200.0 if fault == "clock forward" else -7200.0
-            case "worker ahead dies" | "control ahead dies":
-                name = self._any(what)
+            case "tear" | "lose", "object":
+                schedule.note(f"  {self._store.damage(fault)}")
+            case "clock", way:
+                schedule.jump += 7200.0 if way == "forward" else -7200.0
+                fault.felt = True
+            case kind, "ahead", "dies":
+                name, over = self._any(kind), schedule.now + 3.0
                 self._processes[name][0].skew = 7200.0
-                schedule.at(schedule.now + random.uniform(0.5, 6.0), lambda: self._kill(name))
-                self._disturbed_at = max(self._disturbed_at, schedule.now + 6.0)
-            case "lock database":
-                weather.locked = max(weather.locked, until)
-            case "cancel and resume":
-                run_id, after = random.choice(self._runs), random.uniform(0.0, 8.0)
-                self._user("cancel", lambda context: lifecycle.cancel(context, run_id))
-                schedule.at(
-                    schedule.now + after,
-                    lambda: self._user("resume", lambda context: lifecycle.resume(context, run_id)),
-                )
-                self._disturbed_at = max(self._disturbed_at, schedule.now + after)
-            case "retry":
+                schedule.at(schedule.now + random.uniform(0.5, 3.0), lambda: self._kill(name, fault))
+            case "cancel", "and", "resume":
+                run_id, after = random.choice(self._runs), random.uniform(0.0, 4.0)
+                over = schedule.now + after
+                self._user("cancel", lambda context: lifecycle.cancel(context, run_id), fault)
+                schedule.at(over, lambda: self._user("resume", lambda context: lifecycle.resume(context, run_id)))
+            case ("retry",):
                 run_id = random.choice(self._runs)
-                self._user("retry", lambda context: lifecycle.retry(context, run_id))
-        self._disturbed_at = max(self._disturbed_at, weather.clear_at)
+                self._user("retry", lambda context: lifecycle.retry(context, run_id), fault)
+        self._disturbed_at = max(self._disturbed_at, over)
+
+    def _works(self, name: str) -> bool:
+        """Return whether a process serves a message or has the role of the control loop."""
+        process = self._processes[name][0]
+        return process in self._held or (
+            process.alive and self._sql.execute(_HOLDER, (ROLE, process.name)).fetchone() is not None
+        )
 
     def _any(self, kind: str) -> str:
         names = [name for name in self._processes if (name.startswith("control")) == (kind == "control")]
         busy = [name for name in names if self._processes[name][0] in self._held]
         return self._random.choice(sorted(busy or names))
 
-    def _kill(self, name: str) -> None:
+    def _kill(self, name: str, fault: Fault) -> None:
         process, body = self._processes[name]
         if not process.alive:
             return
+        fault.felt = self._works(name)
         self._schedule.note(f"  {process.name} is killed")
         self._schedule.kill(process)
         message = self._held.pop(process, None)
         if message is not None and self._random.random() < 0.8:
-            self._queues.redeliver(message, self._random.uniform(0.0, 8.0))
+            self._queues.redeliver(message, self._random.uniform(0.0, 4.0))
         self._schedule.at(self._schedule.now + self._random.uniform(0.5, 4.0), lambda: self._start(name, body))
 
-    def _user(self, name: str, act: Callable[[Context], None]) -> None:
+    def _user(self, name: str, act: Callable[[Context], None], fault: Fault | None = None) -> None:
+        """Let a user act once; a fault is felt if that changes a run or a product."""
         self._numbers += 1
         process = Process(f"user#{self._numbers}")
+        if fault is not None:
+            self._acts[process.name] = fault
         context = replace(self._base, owner=process.name)
 
         def body() -> None:
@@ -327,7 +377,7 @@ class Simulation:
 
     def _look(self) -> None:
         """Act as a user who regularly resumes or retries runs that ended without all results."""
-        calm = self._schedule.now > max(self._disturbed_at, LAST_FAULT)
+        calm = self._calm()
         for run_id, state, reason in self._sql.execute("SELECT id, state, reason FROM runs").fetchall():
             if calm and state in ("cancelled", "paused") and not (reason or "").startswith("storage"):
                 self._user("resume", lambda context, run_id=run_id: lifecycle.resume(context, run_id))  # type: ignore[misc]
@@ -345,6 +395,8 @@ class Simulation:
         try:
             process = self._schedule.process
             actor = process.name if process else "nobody"
+            if actor in self._acts:
+                self._acts[actor].felt = True
             if new not in _MOVES[old]:
                 self._violation(f"product {digest[:6]} went from {old} to {new} by {actor}")
             if old == "running" and owner != actor and (new == "done" or (until or 0.0) >= self._schedule.clock()):
@@ -373,12 +425,11 @@ class Simulation:
         if self._violations:
             return True
         states = [row[0] for row in self._sql.execute("SELECT state FROM runs")]
-        late = self._schedule.now > max(self._disturbed_at, LAST_FAULT) + PATIENCE
+        late = self._calm() and self._schedule.now > self._disturbed_at + PATIENCE
         if late:
             counts = self._sql.execute("SELECT state, route, count(*) FROM products GROUP BY 1, 2").fetchall()
             self._violation(f"after {self._schedule.now:.0f} s the runs are {states}; products: {counts}")
-        done = all(state == "completed" for state in states)
-        return late or (done and self._schedule.now > max((moment for moment, _ in self._faults), default=-math.inf))
+        return late or all(state == "completed" for state in states)
 
     def _digest(self) -> str:
         rows = self._sql.execute(_RESULT).fetchall()

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
-from sqlalchemy import Connection, delete, select, update
+from sqlalchemy import Connection, bindparam, delete, select, update
 
 from valerie.db.models import Lease, Specimen, Worker
 from valerie.db.rows import columns_of, read_all
@@ -35,6 +35,22 @@ class WorkerRow:
     started_at: float
     seen_at: float
     resting: str | None = None
+
+
+# Built once: building a statement costs more than executing it, and the control loop needs these in each round.
+_ALIVE: Final = (
+    select(*columns_of(WorkerRow, Worker))
+    .where(Worker.seen_at.between(bindparam("first"), bindparam("last")))
+    .order_by(Worker.started_at)
+)
+_TAKE: Final = (
+    update(Lease)
+    .where(Lease.name == bindparam("role"), (Lease.owner == bindparam("holder")) | (Lease.until < bindparam("now")))
+    .values(owner=bindparam("holder"), until=bindparam("end"))
+)
+_CUT: Final = (
+    update(Lease).where(Lease.name == bindparam("role"), Lease.until > bindparam("end")).values(until=bindparam("end"))
+)
 
 
 def owner_of(worker_id: str) -> str:
@@ -86,9 +102,7 @@ def remove_worker(connection: Connection, worker_id: str) -> None:
 def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
     """Return the live workers, the longest-running first."""
     # A heartbeat from the future is of a worker that died before the clock was set back: a live one sends another.
-    alive = Worker.seen_at.between(now - ALIVE_SECONDS, now + ALIVE_SECONDS)
-    query = select(*columns_of(WorkerRow, Worker)).where(alive)
-    return read_all(connection, query.order_by(Worker.started_at), WorkerRow)
+    return read_all(connection, _ALIVE, WorkerRow, first=now - ALIVE_SECONDS, last=now + ALIVE_SECONDS)
 
 
 def offers(connection: Connection, *, now: float) -> list[AnyOffer]:
@@ -116,16 +130,11 @@ def hold_lease(connection: Connection, name: str, *, owner: str, now: float, sec
     A lease that ends impossibly late (the clock was set back, or its holder's is ahead) is cut to ``seconds``: a live
     holder extends it, a dead one loses it.
     """
-    insert_ignoring(connection, Lease, [{"name": name, "owner": owner, "until": 0.0}])
     until = now + seconds
-    changed = connection.execute(
-        update(Lease)
-        .where(Lease.name == name, (Lease.owner == owner) | (Lease.until < now))
-        .values(owner=owner, until=until)
-    )
-    if changed.rowcount:
+    changed = connection.execute(_TAKE, {"role": name, "holder": owner, "now": now, "end": until})
+    if changed.rowcount or insert_ignoring(connection, Lease, [{"name": name, "owner": owner, "until": until}]):
         return True
-    connection.execute(update(Lease).where(Lease.name == name, Lease.until > until).values(until=until))
+    connection.execute(_CUT, {"role": name, "end": until})
     return False
 
 

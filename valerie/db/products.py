@@ -263,6 +263,30 @@ class _Line(NamedTuple):
     turn: float
 
 
+_READY: Final = (UNFINISHED, Product.state == ProductState.READY, Product.route == bindparam("route"))
+_DUE: Final = (*_READY, or_(Product.not_before.is_(None), Product.not_before <= bindparam("now")))
+_FIRST: Final = (
+    select(Product.digest, Product.kind, Product.cache_group, Product.turn, Product.attempts)
+    .where(*_DUE)
+    .order_by(Product.turn)
+    .limit(1)
+)
+_OF_LINE: Final = Product.owner == bindparam("line")
+_NEXT: Final = _FIRST.where(_OF_LINE).with_for_update(skip_locked=True)
+_PACKET: Final = (
+    select(Product.digest)
+    .where(*_DUE, _OF_LINE, Product.turn == bindparam("turn"), Product.kind == bindparam("kind"), Product.attempts == 0)
+    .where(Product.cache_group == bindparam("group"))
+    .limit(bindparam("most"))
+    .with_for_update(skip_locked=True)
+)
+
+
+def any_due(connection: Connection, route: str, *, now: float) -> bool:
+    """Return whether `claim_next` may find a product of a queue; unlike it, this locks and writes nothing."""
+    return connection.execute(_FIRST, {"route": route, "now": now}).first() is not None
+
+
 def claim_next(connection: Connection, route: str, *, owner: str, now: float, lease_seconds: float) -> list[Job]:
     """Lease the ready products of a queue whose turn it is: one packet, or nothing where none is ready.
 
@@ -272,22 +296,13 @@ def claim_next(connection: Connection, route: str, *, owner: str, now: float, le
     A product that was tried before comes alone: one that ends its process again and again must not use up the attempts of its
     neighbours. On Postgres, workers that claim at the same time pass over each other's rows; on SQLite nobody else writes.
     """
-    due = or_(Product.not_before.is_(None), Product.not_before <= now)
-    columns = Product.digest, Product.kind, Product.cache_group, Product.turn, Product.attempts
     for line in _lines(connection, route):
-        ready = *_ready(route), Product.owner == line.owner, due
-        first = select(*columns).where(*ready).order_by(Product.turn).limit(1).with_for_update(skip_locked=True)
-        while (row := connection.execute(first).first()) is not None:
+        asked = {"route": route, "now": now, "line": line.owner}
+        while (row := connection.execute(_NEXT, asked).first()) is not None:
             digests: Sequence[str] = [row.digest]
             if row.attempts == 0:
-                packet = (
-                    select(Product.digest)
-                    .where(*ready, Product.turn == row.turn, Product.kind == row.kind, Product.attempts == 0)
-                    .where(Product.cache_group == row.cache_group)
-                    .limit(packet_size(row.kind))
-                    .with_for_update(skip_locked=True)
-                )
-                digests = connection.scalars(packet).all()
+                packet = {"turn": row.turn, "kind": row.kind, "group": row.cache_group, "most": packet_size(row.kind)}
+                digests = connection.scalars(_PACKET, asked | packet).all()
             jobs = claim(connection, digests, owner=owner, now=now, lease_seconds=lease_seconds)
             if jobs:
                 _advance(connection, route, line, len(jobs))
@@ -295,22 +310,25 @@ def claim_next(connection: Connection, route: str, *, owner: str, now: float, le
     return []
 
 
-def _ready(route: str) -> tuple[ColumnElement[bool], ...]:
-    return UNFINISHED, Product.state == ProductState.READY, Product.route == route
+def _owners_of_queue() -> Executable:
+    # One step in the index per owner; DISTINCT would read all ready products.
+    found = select(func.min(Product.owner).label("owner")).where(*_READY).cte("found", recursive=True)
+    following = select(func.min(Product.owner)).where(*_READY, Product.owner > found.c.owner)
+    found = found.union_all(select(following.correlate(found).scalar_subquery()).where(found.c.owner.is_not(None)))
+    latest = select(func.max(OwnerTurn.start)).where(OwnerTurn.route == bindparam("route")).scalar_subquery()
+    return (
+        select(found.c.owner, OwnerTurn.turn, latest)
+        .outerjoin(OwnerTurn, and_(OwnerTurn.route == bindparam("route"), OwnerTurn.owner == found.c.owner))
+        .where(found.c.owner.is_not(None))
+    )
+
+
+_OWNERS: Final = _owners_of_queue()
 
 
 def _lines(connection: Connection, route: str) -> list[_Line]:
     """Return the lines of a queue, the one to be served first."""
-    # One step in the index per owner; DISTINCT would read all ready products.
-    found = select(func.min(Product.owner).label("owner")).where(*_ready(route)).cte("found", recursive=True)
-    following = select(func.min(Product.owner)).where(*_ready(route), Product.owner > found.c.owner)
-    found = found.union_all(select(following.correlate(found).scalar_subquery()).where(found.c.owner.is_not(None)))
-    latest = select(func.max(OwnerTurn.start)).where(OwnerTurn.route == route).scalar_subquery()
-    rows = connection.execute(
-        select(found.c.owner, OwnerTurn.turn, latest)
-        .outerjoin(OwnerTurn, and_(OwnerTurn.route == route, OwnerTurn.owner == found.c.owner))
-        .where(found.c.owner.is_not(None))
-    )
+    rows = connection.execute(_OWNERS, {"route": route})
     lines = [_Line(owner, max(turn or 0.0, start or 0.0)) for owner, turn, start in rows]
     return sorted(lines, key=lambda line: (line.turn, line.owner))
 

@@ -26,12 +26,12 @@ def columns_of(form: type[Any], *models: type[Any], **others: Any) -> list[Any]:
     ]
 
 
-def read_all(connection: Connection, statement: Executable, form: type[R]) -> list[R]:
-    """Return the rows of a query over `columns_of` a form."""
-    return [form(*row) for row in connection.execute(statement)]
+def read_all(connection: Connection, statement: Executable, form: type[R], **bound: object) -> list[R]:
+    """Return the rows of a query over `columns_of` a form; ``bound`` are the values of its parameters."""
+    return [form(*row) for row in connection.execute(statement, bound)]
 
 
-def read_first(connection: Connection, statement: Executable, form: type[R]) -> R | None:
+def read_first(connection: Connection, statement: Executable, form: type[R], **bound: object) -> R | None:
     """Return the first row of a query over `columns_of` a form, if any."""
-    row = connection.execute(statement).first()
+    row = connection.execute(statement, bound).first()
     return None if row is None else form(*row)

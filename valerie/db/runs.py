@@ -13,6 +13,7 @@ from sqlalchemy import (
     Select,
     Subquery,
     and_,
+    bindparam,
     case,
     delete,
     func,
@@ -162,6 +163,9 @@ class Relative:
 
 
 _RUN = select(*columns_of(RunRow, Run))
+# Built once: building a statement costs more than executing it, and the control loop asks for these in each round.
+_RUN_OF_ID = _RUN.where(Run.id == bindparam("run_id"))
+_RUNS_IN_STATES = _RUN.where(Run.state.in_(bindparam("states", expanding=True))).order_by(Run.created_at, Run.id)
 
 
 def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | None = None) -> str:
@@ -215,7 +219,7 @@ def get(connection: Connection, run_id: str) -> RunRow:
     Raises:
         NotFound: no such run.
     """
-    row = read_first(connection, _RUN.where(Run.id == run_id), RunRow)
+    row = read_first(connection, _RUN_OF_ID, RunRow, run_id=run_id)
     if row is None:
         raise NotFound("run", run_id)
     return row
@@ -338,7 +342,7 @@ def lineage(connection: Connection, run_id: str, *, project: str = "", most: int
 
 def in_states(connection: Connection, states: Collection[RunState]) -> list[RunRow]:
     """Return all runs in one of ``states``, oldest first."""
-    return read_all(connection, _RUN.where(Run.state.in_(states)).order_by(Run.created_at, Run.id), RunRow)
+    return read_all(connection, _RUNS_IN_STATES, RunRow, states=list(states))
 
 
 def count_by_state(connection: Connection) -> dict[RunState, int]:

@@ -75,6 +75,7 @@ class BatchRow:
 
 
 _STUDY = select(*columns_of(StudyRow, StudyTable))
+_RUNNING = _STUDY.where(StudyTable.state == StudyState.RUNNING).order_by(StudyTable.created_at, StudyTable.id)
 
 
 def create(connection: Connection, study: StudyRow) -> None:
@@ -125,8 +126,7 @@ def named(connection: Connection, name: str) -> list[StudyRow]:
 
 def running(connection: Connection) -> list[StudyRow]:
     """Return the studies in state ``running``, oldest first."""
-    query = _STUDY.where(StudyTable.state == StudyState.RUNNING).order_by(StudyTable.created_at, StudyTable.id)
-    return read_all(connection, query, StudyRow)
+    return read_all(connection, _RUNNING, StudyRow)
 
 
 def set_values(connection: Connection, study_id: str, *, expected: StudyState, **values: Unpack[StudyValues]) -> bool:

@@ -17,6 +17,37 @@ from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductSta
 _LONGEST_PAUSE: Final = 60.0
 
 
+_RUNNING: Final = Product.state == ProductState.RUNNING
+_READY: Final = Product.state == ProductState.READY
+# Built once: building a statement costs more than executing it, and nearly every sweep finds nothing.
+_LATE: Final = (
+    select(Product.digest)
+    .where(
+        UNFINISHED,
+        or_(
+            _RUNNING & (Product.lease_until > bindparam("longest")),
+            _READY & (Product.not_before > bindparam("pause")),
+            _READY & (Product.sent_at > bindparam("now")),
+        ),
+    )
+    .limit(1)
+)
+_EXPIRED: Final = select(Product.digest).where(UNFINISHED, _RUNNING, Product.lease_until < bindparam("now"))
+_STALE: Final = (
+    select(*READY_COLUMNS)
+    .where(
+        UNFINISHED,
+        _READY,
+        or_(
+            Product.sent_at < bindparam("sent"),
+            Product.sent_at.is_(None) & (Product.not_before <= bindparam("now")),
+        ),
+        Product.route != UPLOADED_ROUTE,
+    )
+    .limit(bindparam("most"))
+)
+
+
 class Unlinked(NamedTuple):
     """A product that nothing links to."""
 
@@ -26,20 +57,25 @@ class Unlinked(NamedTuple):
 
 def bound_times(connection: Connection, *, now: float, lease_seconds: float) -> None:
     """Shorten leases and pauses that end impossibly late: the clock was set back, or the worker's is ahead."""
-    running, ready = Product.state == ProductState.RUNNING, Product.state == ProductState.READY
     longest = now + lease_seconds
-    held = in_order(connection, UNFINISHED, running, Product.lease_until > longest)
+    bounds = {"longest": longest, "pause": now + _LONGEST_PAUSE, "now": now}
+    if connection.scalar(_LATE, bounds) is None:
+        return
+    held = in_order(connection, UNFINISHED, _RUNNING, Product.lease_until > longest)
     connection.execute(update(Product).where(held).values(lease_until=longest))
-    resting = in_order(connection, UNFINISHED, ready, Product.not_before > now + _LONGEST_PAUSE)
+    resting = in_order(connection, UNFINISHED, _READY, Product.not_before > now + _LONGEST_PAUSE)
     connection.execute(update(Product).where(resting).values(not_before=now))
-    sent = in_order(connection, UNFINISHED, ready, Product.sent_at > now)
+    sent = in_order(connection, UNFINISHED, _READY, Product.sent_at > now)
     connection.execute(update(Product).where(sent).values(sent_at=now))
 
 
 def take_back_expired(connection: Connection, *, now: float, max_attempts: int) -> list[Ready]:
     """Make products ready whose lease ended; return them. After ``max_attempts`` attempts they fail instead."""
-    expired = (UNFINISHED, Product.state == ProductState.RUNNING, Product.lease_until < now)
-    lock_with_dependents(connection, connection.scalars(select(Product.digest).where(*expired)))
+    expired = (UNFINISHED, _RUNNING, Product.lease_until < now)
+    digests = connection.scalars(_EXPIRED, {"now": now}).all()
+    if not digests:
+        return []
+    lock_with_dependents(connection, digests)
     hopeless = connection.execute(
         select(Product.digest, Product.kind, Product.attempts).where(*expired, Product.attempts >= max_attempts)
     ).all()
@@ -58,17 +94,7 @@ def take_back_expired(connection: Connection, *, now: float, max_attempts: int) 
 
 def stale_ready(connection: Connection, *, now: float, resend_seconds: float, limit: int) -> list[Ready]:
     """Return ready products whose last message is older than that (it was lost), or whose pause after a fault is over."""
-    rows = connection.execute(
-        select(*READY_COLUMNS)
-        .where(
-            UNFINISHED,
-            Product.state == ProductState.READY,
-            or_(Product.sent_at < now - resend_seconds, Product.sent_at.is_(None) & (Product.not_before <= now)),
-            Product.route != UPLOADED_ROUTE,
-        )
-        .limit(limit)
-    )
-    return to_send(rows)
+    return to_send(connection.execute(_STALE, {"sent": now - resend_seconds, "now": now, "most": limit}))
 
 
 def mark_sent(connection: Connection, digests: Collection[str], now: float) -> None:

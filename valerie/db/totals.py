@@ -16,6 +16,7 @@ from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductSta
 
 #: Cache group of the evaluations of uploaded predictions.
 UPLOADED_GROUP: Final = "uploaded"
+_BACKLOG = select(Product.route, Product.state, func.count()).where(UNFINISHED).group_by(Product.route, Product.state)
 
 
 class Backlog(NamedTuple):
@@ -112,10 +113,7 @@ def unfinished_count(connection: Connection) -> int:
 
 def backlog(connection: Connection) -> list[Backlog]:
     """Return the number of unfinished products by route and state."""
-    rows = connection.execute(
-        select(Product.route, Product.state, func.count()).where(UNFINISHED).group_by(Product.route, Product.state)
-    )
-    return [Backlog(*row) for row in rows]
+    return [Backlog(*row) for row in connection.execute(_BACKLOG)]
 
 
 def totals(connection: Connection) -> list[KindTotal]:
