@@ -234,6 +234,10 @@ def _slow_link(name: str, target: Target, random: Random) -> None:
     target.links[name].slow(random.uniform(0.02, 0.2), random.uniform(3.0, 8.0))
 
 
+def _hang_link(name: str, target: Target, random: Random) -> None:
+    target.links[name].hang(random.uniform(1.0, 8.0))
+
+
 def new_clock(clock: Path) -> None:
     """Write the file of `Target.clock`, and the library beside it with which processes read it."""
     clock.write_bytes(struct.pack("q", 0))
@@ -259,6 +263,7 @@ POSTGRES = {
     "end sessions of database": _end_sessions,
     "cut link to database": partial(_cut_link, "database"),
     "slow link to database": partial(_slow_link, "database"),
+    "hang link to database": partial(_hang_link, "database"),
 }
 FAULTS: dict[str, Fault] = {
     "kill worker": _kill_worker,

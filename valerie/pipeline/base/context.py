@@ -75,7 +75,7 @@ def open_context(settings: Settings) -> Context:
     owner = process_name()
     return Context(
         settings=settings,
-        engine=open_database(settings.database_url),
+        engine=open_database(settings.database_url, seconds=settings.database_seconds),
         store=open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint),
         broker=Broker(settings),
         owner=owner,
