@@ -49,7 +49,7 @@ class Settings(BaseSettings):
         ge=2,
         le=86_400,
         allow_inf_nan=False,
-        description="longest time of a statement on Postgres, and half of it for a lock",
+        description="longest time of a statement on Postgres",
     )
     artifacts_url: str = Field(
         "", description="a folder, or s3://bucket/prefix; empty: the folder artifacts in data_dir"

@@ -47,7 +47,7 @@ def open_database(url: str, *, clock: Callable[[], float] = time.time, seconds: 
     Args:
         url: URL of the database.
         clock: returns Unix seconds; only SQLite uses it, Postgres has its own.
-        seconds: longest time of a statement on Postgres; waits for locks may take half of it.
+        seconds: longest time of a statement on Postgres; a wait for a lock ends earlier.
 
     Raises:
         InvalidInput: another kind of database.

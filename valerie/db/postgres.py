@@ -18,6 +18,8 @@ _KEEPALIVES: Final = {
     "keepalives_count": 3,
     "tcp_user_timeout": 25_000,  # milliseconds
 }
+#: Longest wait for a lock. Transactions hold theirs for far less, except those of a migration.
+_LOCK_SECONDS: Final = 10.0
 #: Time for an answer beyond the server's own limit, so that the server's reason arrives first.
 _BEYOND_SECONDS: Final = 5.0
 
@@ -40,13 +42,13 @@ class BoundedConnection(psycopg.Connection[Any]):
 
         Args:
             arguments, options: of `psycopg.connect`; the options take precedence over the defaults here.
-            seconds: longest time of a statement; waits for locks may take half of it.
+            seconds: longest time of a statement.
         """
         timeouts = {"connect_timeout": math.ceil(min(_CONNECT_SECONDS, seconds))}
         connection = cls.connect(*arguments, **{**timeouts, **_KEEPALIVES, **options, "autocommit": True})
-        milliseconds = math.ceil(1000 * seconds)
+        milliseconds, lock = math.ceil(1000 * seconds), math.ceil(1000 * min(_LOCK_SECONDS, seconds / 2))
         connection.execute(
-            f"SET statement_timeout = {milliseconds}; SET lock_timeout = {math.ceil(milliseconds / 2)}; "
+            f"SET statement_timeout = {milliseconds}; SET lock_timeout = {lock}; "
             # Else the locks of a client behind a dead link are held until the server's kernel gives it up.
             f"SET idle_in_transaction_session_timeout = {milliseconds}"
         )
