@@ -44,6 +44,13 @@ class Settings(BaseSettings):
     # Storage
     data_dir: Path = Field(Path("var/valerie"), description="database, artifacts, logs and sockets of this machine")
     database_url: str = Field("", description="sqlite:///path or postgresql://…; empty: a SQLite file in data_dir")
+    database_seconds: float = Field(
+        120.0,
+        ge=2,
+        le=86_400,
+        allow_inf_nan=False,
+        description="longest time of a statement on Postgres",
+    )
     artifacts_url: str = Field(
         "", description="a folder, or s3://bucket/prefix; empty: the folder artifacts in data_dir"
     )

@@ -5,7 +5,9 @@ from __future__ import annotations
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
+from typing import Final
 
 import structlog
 from fastapi import Depends, FastAPI, Request
@@ -38,6 +40,7 @@ from services.api.routers import (
 )
 from services.api.scopes import require_scope
 from valerie import plugins
+from valerie.db.engine import open_database
 from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.loop import ControlLoop
@@ -49,6 +52,9 @@ from valerie.pipeline.reading.pixels import Pixels
 from valerie.settings import Settings, load_settings
 
 log = structlog.get_logger()
+
+#: Longest statement on Postgres of a request that only reads one page or one thing.
+_READ_SECONDS: Final = 10.0
 
 _DESCRIPTION = """
 Submit a *run* (a spec as JSON or YAML), follow its progress, read its results. Errors are problem documents (RFC 9457) that
@@ -79,7 +85,9 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         for notice in plugins.look_at_installed():
             log.warning("api.plugins", reason=notice)
         loop = ControlLoop(context) if control else None
-        app.state.context, app.state.control = context, loop
+        app.state.patient, app.state.control = context, loop
+        quick = min(_READ_SECONDS, settings.database_seconds)
+        app.state.context = replace(context, engine=open_database(settings.database_url, seconds=quick))
         app.state.explorations, app.state.tiles = Explorations(context), Tiles(context)
         app.state.confusions, app.state.pixels = Confusions(context), Pixels(context)
         app.state.identity_provider = IdentityProvider(settings) if settings.oidc_issuer else None
@@ -94,6 +102,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         if loop is not None and thread is not None:
             loop.wake()
             thread.join(timeout=10)
+        app.state.context.engine.dispose()
         context.engine.dispose()
 
     app = FastAPI(

@@ -23,7 +23,12 @@ from valerie.runs.products.frame_keys import ID, FrameKey
 
 
 def _context(request: Request) -> Context:
-    context: Context = request.app.state.context
+    context: Context = request.app.state.context if request.method == "GET" else request.app.state.patient
+    return context
+
+
+def _patient(request: Request) -> Context:
+    context: Context = request.app.state.patient
     return context
 
 
@@ -64,7 +69,10 @@ def _project(request: Request) -> str:
     return caller.project
 
 
+#: Its database soon answers a request that only reads, or fails.
 ContextDependency = Annotated[Context, Depends(_context)]
+#: For what reads much, such as downloads of whole tables.
+PatientDependency = Annotated[Context, Depends(_patient)]
 #: Owner of the request's token; None: the operator.
 OwnerDependency = Annotated[str | None, Depends(_owner)]
 #: The only project that exists for the request's token; empty: all do.

@@ -246,6 +246,10 @@ def _slow_link(name: str, target: Target, random: Random) -> None:
     target.links[name].slow(random.uniform(0.02, 0.2), random.uniform(3.0, 8.0))
 
 
+def _hang_link(name: str, target: Target, random: Random) -> None:
+    target.links[name].hang(random.uniform(1.0, 8.0))
+
+
 def new_dial(name: str, folder: Path) -> Path:
     """Write the file of a fault of `DIALS`, and the library beside it with which processes read it; return its path."""
     source, dial = _SOURCES / DIALS[name], folder / Path(DIALS[name]).stem
@@ -273,6 +277,7 @@ POSTGRES = {
     "end sessions of database": _end_sessions,
     "cut link to database": partial(_cut_link, "database"),
     "slow link to database": partial(_slow_link, "database"),
+    "hang link to database": partial(_hang_link, "database"),
 }
 FAULTS: dict[str, Fault] = {
     "kill worker": _kill_worker,

@@ -1,4 +1,4 @@
-"""A link between the system and its database or broker, through which all their bytes pass: it can be cut, or slow."""
+"""A link between the system and its database or broker, through which all their bytes pass: it can be cut, slow or silent."""
 
 from __future__ import annotations
 
@@ -13,24 +13,33 @@ _CHUNK = 1 << 16
 
 
 class Link:
-    """Context manager that passes on what connects to a unix socket.
+    """Context manager that passes on what connects to a socket.
 
     Args:
-        listening: path of the socket that the system connects to.
+        listening: path of the unix socket that the system connects to; None: a free port of this machine.
         target: path of the server's own.
     """
 
-    def __init__(self, listening: Path, target: Path) -> None:
+    def __init__(self, listening: Path | None, target: Path) -> None:
         self._target = target
         self._whole = threading.Event()
         self._whole.set()
         self._delay = 0.0
+        self._hanging = False
         self._open: set[socket.socket] = set()
+        self._silent: set[socket.socket] = set()
         self._lock = threading.Lock()
+        if listening is None:
+            self._server = socket.create_server(("127.0.0.1", 0))
+            return
         self._server = socket.socket(socket.AF_UNIX)
         self._server.bind(str(listening))
         listening.chmod(0o777)
         self._server.listen(128)
+
+    @property
+    def port(self) -> int:
+        return int(self._server.getsockname()[1])
 
     def __enter__(self) -> Self:
         threading.Thread(target=self._accept, name="link", daemon=True).start()
@@ -53,6 +62,14 @@ class Link:
         time.sleep(seconds)
         self._delay = 0.0
 
+    def hang(self, seconds: float) -> None:
+        """Pass nothing on for a time, without a sign; connections that were open or begun meanwhile stay so for ever."""
+        with self._lock:
+            self._hanging = True
+            self._silent |= self._open
+        time.sleep(seconds)
+        self._hanging = False
+
     def _accept(self) -> None:
         while True:
             try:
@@ -62,6 +79,11 @@ class Link:
             server = socket.socket(socket.AF_UNIX)
             with self._lock:
                 self._open |= {client, server}
+                if hanging := self._hanging:
+                    self._silent |= {client, server}
+            if hanging:
+                threading.Thread(target=self._pass, args=(client, server), name="link", daemon=True).start()
+                continue
             try:
                 if not self._whole.is_set():
                     raise ConnectionRefusedError
@@ -77,8 +99,10 @@ class Link:
             while data := source.recv(_CHUNK):
                 if self._delay:
                     time.sleep(self._delay)
-                sink.sendall(data)
-        self._end(source, sink)
+                if source not in self._silent:
+                    sink.sendall(data)
+        # The other end of a silent connection does not learn that this one has gone.
+        self._end(*({source} if source in self._silent else {source, sink}))
 
     def _end(self, *ends: socket.socket) -> None:
         with self._lock:

@@ -44,6 +44,8 @@ _LATEST_SECONDS = 6.0
 _PATIENCE_SECONDS = 90.0
 #: Allowed time without progress beyond the lease: sweeps and a restart. On a busy machine, it is as long as two starts.
 _BEYOND_LEASE_SECONDS = 10.0
+#: Longest time of a statement.
+_DATABASE_SECONDS = 5.0
 _ENDED = (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES, RunState.FAILED)
 
 
@@ -125,7 +127,8 @@ def _target(database: str, outcome: Outcome) -> Iterator[Target]:
     with ExitStack() as stack:
         if names & set(MOUNTED):
             stack.enter_context(_mounted(artifacts))
-        server, settings, links = None, {"artifacts_url": str(artifacts)}, dict[str, Link]()
+        server, links = None, dict[str, Link]()
+        settings: dict[str, Any] = {"artifacts_url": str(artifacts), "database_seconds": _DATABASE_SECONDS}
         if database == "postgres":
             (folder / "postgres").mkdir()
             server = stack.enter_context(PostgresServer(folder / "postgres", variables))

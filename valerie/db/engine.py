@@ -14,11 +14,14 @@ from typing import Any, Final
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event, func, select
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, TransientError
 
 #: Longest wait of a writer: with eight writing processes, SQLite starves one for seconds.
 _BUSY_TIMEOUT_MS = 30_000
+#: Longest time of a statement on Postgres, unless a process sets another.
+_STATEMENT_SECONDS: Final = 120.0
 #: Digests are scattered over their tables: with the default of 2 MiB, feeding a large run rereads most pages.
 _CACHE_KIB = 32 * 1024
 #: Pages in the log before they are copied into the database (40 MB), since the same pages change from block to block.
@@ -36,7 +39,7 @@ _FORK = threading.Lock()
 os.register_at_fork(before=_FORK.acquire, after_in_parent=_FORK.release, after_in_child=_FORK.release)
 
 
-def open_database(url: str, *, clock: Callable[[], float] = time.time) -> Engine:
+def open_database(url: str, *, clock: Callable[[], float] = time.time, seconds: float = _STATEMENT_SECONDS) -> Engine:
     """Return an engine for ``sqlite:///path`` or ``postgresql://…``.
 
     On SQLite every writing transaction begins with BEGIN IMMEDIATE. A deferred transaction that reads and then writes fails
@@ -45,6 +48,7 @@ def open_database(url: str, *, clock: Callable[[], float] = time.time) -> Engine
     Args:
         url: URL of the database.
         clock: returns Unix seconds; only SQLite uses it, Postgres has its own.
+        seconds: longest time of a statement on Postgres; a wait for a lock ends earlier.
 
     Raises:
         InvalidInput: another kind of database.
@@ -58,7 +62,10 @@ def open_database(url: str, *, clock: Callable[[], float] = time.time) -> Engine
         event.listen(engine, "begin", _begin_immediate)
         return engine
     if backend == "postgresql":
-        return create_engine(address.set(drivername="postgresql+psycopg"), pool_pre_ping=True, pool_size=4, **_OPTIONS)
+        address = address.set(drivername="postgresql+psycopg")
+        engine = create_engine(address, pool_pre_ping=True, pool_size=4, pool_timeout=seconds / 2, **_OPTIONS)
+        event.listen(engine, "do_connect", _bounded(seconds))
+        return engine
     raise InvalidInput("unknown kind of database", field="database_url", value=backend, limit="sqlite or postgresql")
 
 
@@ -86,6 +93,29 @@ def _prepare_sqlite(connection: Any, _record: object) -> None:
     cursor.execute(f"PRAGMA cache_size=-{_CACHE_KIB}")
     cursor.execute(f"PRAGMA wal_autocheckpoint={_CHECKPOINT_PAGES}")
     cursor.close()
+
+
+def _bounded(seconds: float) -> Callable[..., Any]:
+    from valerie.db.postgres import BoundedConnection
+
+    def connect(_dialect: object, _record: object, arguments: Any, options: dict[str, Any]) -> BoundedConnection:
+        return BoundedConnection.opened(arguments, options, seconds=seconds)
+
+    return connect
+
+
+@contextmanager
+def unbounded(connection: Connection) -> Iterator[None]:
+    """Let the statements of a transaction take any time, as those of a migration of large tables may."""
+    if connection.dialect.name != "postgresql":
+        yield
+        return
+    raw: Any = connection.connection.driver_connection
+    earlier = raw.unbound()
+    try:
+        yield
+    finally:
+        raw.silence = earlier
 
 
 def _begin_immediate(connection: Connection) -> None:
@@ -153,6 +183,8 @@ def translated() -> Iterator[None]:
         if "readonly" in text or "unable to open" in text:
             raise StorageUnavailable(f"the database cannot be written: {error.orig}") from error
         raise TransientError(f"the database did not answer: {error.orig}") from error
+    except PoolTimeoutError as error:
+        raise TransientError("the database did not answer: all connections of this process are in use") from error
     except DBAPIError as error:
         if error.connection_invalidated:
             raise TransientError(f"the connection to the database was lost: {error.orig}") from error

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from sqlalchemy import Column, Connection, Engine, inspect, select, text
 
-from valerie.db.engine import reading, translated
+from valerie.db.engine import reading, translated, unbounded
 from valerie.db.long_table import measure_columns
 from valerie.db.models import REVISION
 from valerie.errors import Conflict
@@ -82,7 +82,7 @@ def _upgrade(engine: Engine, revision: str) -> None:
     from alembic import command
 
     config = _config()
-    with translated(), engine.begin() as connection:
+    with translated(), engine.begin() as connection, unbounded(connection):
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _ADVISORY_LOCK})
         config.attributes["connection"] = connection

@@ -53,6 +53,7 @@ function card(worker) {
 
 function queueTable(routes) {
   const silent = routes.some((one) => one.messages === null);
+  const unknown = routes.some((one) => one.ready === null || one.workers === null);
   const head = ["Queue", ...["Waiting", "Ready", "Running", "Per minute", "Messages", "Workers"].map((text) => ({ text, class: "right" })), "State"];
   const rows = routes.map((one) => {
     const open = one.waiting + one.ready + one.running;
@@ -61,10 +62,11 @@ function queueTable(routes) {
       h("td", { class: "right" }, one.per_minute ? fixed(one.per_minute, one.per_minute < 10 ? 1 : 0) : NONE),
       h("td", { class: "right" }, one.messages === null ? NONE : count(one.messages)),
       h("td", { class: "right" }, count(one.workers)),
-      h("td", {}, open && !one.workers ? h("span", { class: "chip bad" }, "no worker serves it") : open ? h("span", { class: "chip active" }, "at work") : h("span", { class: "soft small" }, "idle")));
+      h("td", {}, one.ready === null || one.workers === null ? h("span", { class: "soft small" }, "unknown") : open && !one.workers ? h("span", { class: "chip bad" }, "no worker serves it") : open ? h("span", { class: "chip active" }, "at work") : h("span", { class: "soft small" }, "idle")));
   });
   return h("section", { class: "card" }, h("h2", {}, "Queues"),
     silent ? h("p", { class: "note bad" }, "The broker does not answer. Until it does, messages cannot be counted and nothing is sent. No work is lost.") : null,
+    unknown ? h("p", { class: "note bad" }, "The database does not give all numbers in time.") : null,
     table(head, rows, { caption: "Queues" }),
     h("p", { class: "small soft under" }, "A product is waiting until its inputs are done, ready until a worker claims it, and running while a worker holds its lease. The rate is of the last two minutes. One message may name several products."));
 }

@@ -12,7 +12,7 @@ import pyarrow.parquet
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
 from fastapi.responses import StreamingResponse
 
-from services.api.dependencies import ContextDependency, ProjectDependency
+from services.api.dependencies import ContextDependency, PatientDependency, ProjectDependency
 from services.api.openapi import gives, problems
 from services.api.schemas.base import FRAME_ID, FUNCTION, RUN_ID
 from services.api.schemas.explore import (
@@ -376,7 +376,7 @@ def refine(
 )
 def frames(
     run: Runs,
-    context: ContextDependency,
+    context: PatientDependency,
     where: WhereText = "",
     format_: Annotated[Format, Query(alias="format", description="of the labels")] = "cityscapes",
 ) -> Response:

@@ -9,7 +9,16 @@ from typing import Annotated, Literal, cast
 import orjson
 from fastapi import APIRouter, Query, Response
 
-from services.api.dependencies import ContextDependency, Cursor, Limit, RunId, decode_cursor, encode_cursor, index
+from services.api.dependencies import (
+    ContextDependency,
+    Cursor,
+    Limit,
+    PatientDependency,
+    RunId,
+    decode_cursor,
+    encode_cursor,
+    index,
+)
 from services.api.dependencies import value_of_column as value
 from services.api.openapi import binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
@@ -54,6 +63,7 @@ _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.p
 def list_evaluations(
     run_id: RunId,
     context: ContextDependency,
+    patient: PatientDependency,
     filter_: Annotated[
         list[Annotated[str, Query(pattern=_FILTER)]] | None,
         Query(
@@ -76,7 +86,7 @@ def list_evaluations(
     if format_ != "json":
         if filter_ or cursor:
             raise InvalidInput("downloads give the whole table", field="filter", limit="format=json")
-        return _download(context, run, format_)
+        return _download(patient, run, format_)
     column, descending = sort.removeprefix("-"), sort.startswith("-")
     column = _NAMED.get(column, column)
     filters = [_filter(text, run.resolved) for text in filter_ or ()]
@@ -101,7 +111,7 @@ def list_evaluations(
 )
 def points(
     run_id: RunId,
-    context: ContextDependency,
+    context: PatientDependency,
     column: Annotated[
         str, Query(max_length=200, description="one of the run's `axes` in the answer", examples=["distance_m"])
     ] = "distance_m",

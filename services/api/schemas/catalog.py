@@ -106,12 +106,14 @@ class WorkerRead(Read):
 
 class QueueRead(Read):
     route: str = Field(description="stage, engine and numeric class", examples=["infer.torch-2.9.0-cpu-fp32"])
-    waiting: int = Field(description="products whose inputs are missing", examples=[6])
-    ready: int = Field(examples=[12])
-    running: int = Field(examples=[6])
-    messages: int | None = Field(description="messages in the broker; null if it does not answer", examples=[2])
-    workers: int = Field(description="living workers that serve it and are not put aside", examples=[1])
-    per_minute: float = Field(description="products done in the last two minutes, per minute", examples=[36.5])
+    waiting: int | None = Field(
+        description="products whose inputs are missing; null, as all numbers here, if not known in time", examples=[6]
+    )
+    ready: int | None = Field(examples=[12])
+    running: int | None = Field(examples=[6])
+    messages: int | None = Field(description="messages in the broker", examples=[2])
+    workers: int | None = Field(description="living workers that serve it and are not put aside", examples=[1])
+    per_minute: float | None = Field(description="products done in the last two minutes, per minute", examples=[36.5])
 
 
 class DemandRead(Read):

@@ -76,7 +76,7 @@ def open_context(settings: Settings) -> Context:
         MissingDependency: the settings ask for traces, and OpenTelemetry is not installed.
     """
     owner = process_name()
-    engine = open_database(settings.database_url)
+    engine = open_database(settings.database_url, seconds=settings.database_seconds)
     store = open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint)
     folder = BoundedFolder(settings.data_dir / "archives", max_bytes=settings.archive_cache_mb * 2**20)
     engine.update_execution_options(**{ARCHIVES: StoredArchives(engine, store, folder)})

@@ -129,7 +129,13 @@ def _workers(context: Context) -> Iterator[Check]:
     with reading(context.engine) as connection:
         failures = totals.failure_reasons(connection)
     for queue in queues:
-        if queue.ready and not queue.workers:
+        if queue.ready is None or queue.workers is None or queue.per_minute is None:
+            yield Check(
+                f"queue {queue.route}",
+                problem="the database does not give its numbers in time",
+                remedy="look for what locks its tables or slows it",
+            )
+        elif queue.ready and not queue.workers:
             yield Check(
                 f"queue {queue.route}",
                 problem=f"{queue.ready:,} products are ready, and no worker serves this queue",

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import Future, wait
 from dataclasses import dataclass
-from threading import Thread
-from typing import Final, NamedTuple
+from threading import Lock, Thread
+from typing import Any, Final, NamedTuple, TypeVar
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
-from sqlalchemy import text
+from sqlalchemy import Connection, text
 
 from valerie import plugins
 from valerie.db import processes, runs, totals
@@ -37,8 +37,10 @@ CHECK_SECONDS = 5.0
 _RATE_SECONDS: Final = 120.0
 #: Spans of time in which costs are shown.
 _SPANS: Final = 60
-#: Checks that still wait for an answer, by deployment and name.
-_waiting: dict[tuple[int, str], Thread] = {}
+#: Questions that still wait for an answer, by deployment and name.
+_waiting: dict[tuple[int, str], Future[Any]] = {}
+_asking = Lock()
+_T = TypeVar("_T")
 
 
 def check(context: Context) -> dict[str, str]:
@@ -53,27 +55,41 @@ def check(context: Context) -> dict[str, str]:
         "broker": lambda: context.broker.queue_lengths([EVAL_QUEUE]),
         "artifacts": context.store.check,
     }
-    answers = dict.fromkeys(checks, f"it does not answer within {CHECK_SECONDS:g} s")
+    answers = _ask(context, checks)
+    return {name: str(answer) if isinstance(answer, ValerieError) else "ok" for name, answer in answers.items()}
 
-    def ask(name: str) -> None:
+
+def _ask(context: Context, questions: Mapping[str, Callable[[], _T]]) -> dict[str, _T | ValerieError]:
+    """Return the answers that come within `CHECK_SECONDS`, and errors in place of the others.
+
+    Who asks while another still waits for the same answer waits for that one, so that no thread is added.
+    """
+
+    def answer(future: Future[_T], question: Callable[[], _T]) -> None:
         try:
-            checks[name]()
-            answers[name] = "ok"
-        except ValerieError as error:
-            answers[name] = str(error)
+            future.set_result(question())
+        except BaseException as error:
+            future.set_exception(error)
 
-    deadline = time.monotonic() + CHECK_SECONDS
-    threads = []
-    for name in checks:
-        key = (id(context), name)
-        if key in _waiting and _waiting[key].is_alive():  # from an earlier call: a second thread would wait too
-            continue
-        thread = _waiting[key] = Thread(target=ask, args=(name,), name=f"check-{name}", daemon=True)
-        thread.start()
-        threads.append(thread)
-    for thread in threads:
-        thread.join(timeout=max(0.0, deadline - time.monotonic()))
-    return dict(answers)
+    futures: dict[str, Future[_T]] = {}
+    with _asking:
+        for name, question in questions.items():
+            key = (id(context), name)
+            if key not in _waiting or _waiting[key].done():
+                _waiting[key] = Future()
+                Thread(target=answer, args=(_waiting[key], question), name=f"ask-{name}", daemon=True).start()
+            futures[name] = _waiting[key]
+    wait(futures.values(), timeout=CHECK_SECONDS)
+    silent = TransientError(f"it does not answer within {CHECK_SECONDS:g} s")
+    answers: dict[str, _T | ValerieError] = {}
+    for name, future in futures.items():
+        try:
+            answers[name] = future.result(timeout=0)
+        except TimeoutError:
+            answers[name] = silent
+        except ValerieError as error:
+            answers[name] = error
+    return answers
 
 
 def metrics(context: Context) -> str:
@@ -86,53 +102,76 @@ def metrics(context: Context) -> str:
 class Queue(NamedTuple):
     """A queue.
 
+    A number is None if database or broker do not give it in time.
+
     Attributes:
         route: its name.
         waiting, ready, running: unfinished products.
-        messages: number of messages in the broker; None if it does not answer.
+        messages: number of messages in the broker.
         workers: number of living workers that serve it and do not rest.
         per_minute: products done in the last minutes, per minute.
     """
 
     route: str
-    waiting: int
-    ready: int
-    running: int
+    waiting: int | None
+    ready: int | None
+    running: int | None
     messages: int | None
-    workers: int
-    per_minute: float
+    workers: int | None
+    per_minute: float | None
+
+
+class _Products(NamedTuple):
+    """Numbers of unfinished products by route and state, and of those done lately by route."""
+
+    counts: dict[tuple[str, ProductState], int]
+    done: dict[str, int]
 
 
 def queues(context: Context) -> list[Queue]:
-    """Return all queues, sorted by route.
+    """Return all queues whose names can be read, sorted by route, within twice `CHECK_SECONDS`.
 
     Raises:
         TransientError: the database does not answer.
     """
-    with reading(context.engine) as connection:
-        backlog = totals.backlog(connection)
-        now = database_time(connection)
-        alive = processes.workers(connection, now=now)
-        done = totals.done_since(connection, now - _RATE_SECONDS)
-    serving: Counter[str] = Counter()
-    for worker in (candidate for candidate in alive if candidate.resting is None):
-        serving.update(
-            {offer.route for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage is Stage.EVAL else set())
-        )
-    counts = {(route, state): count for route, state, count in backlog}
-    routes = sorted({route for route, _ in counts} | serving.keys() | {EVAL_QUEUE})
+
+    def products() -> _Products:
+        with reading(context.engine) as connection:
+            counts = {(route, state): count for route, state, count in totals.backlog(connection)}
+            return _Products(counts, totals.done_since(connection, database_time(connection) - _RATE_SECONDS))
+
+    def serving() -> Counter[str]:
+        with reading(context.engine) as connection:
+            alive = processes.workers(connection, now=database_time(connection))
+        numbers: Counter[str] = Counter()
+        for worker in (candidate for candidate in alive if candidate.resting is None):
+            numbers.update(
+                {offer.route for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage is Stage.EVAL else set())
+            )
+        return numbers
+
+    questions: dict[str, Callable[[], _Products | Counter[str]]] = {"products of queues": products, "workers": serving}
+    made, workers = _ask(context, questions).values()
+    if isinstance(made, ValerieError) and isinstance(workers, ValerieError):
+        raise made
+    routes = {EVAL_QUEUE} | (workers.keys() if isinstance(workers, Counter) else set())
+    routes |= {route for route, _ in made.counts} if isinstance(made, _Products) else set()
     messages = _messages(context, routes)
+
+    def count(route: str, state: ProductState) -> int | None:
+        return made.counts.get((route, state), 0) if isinstance(made, _Products) else None
+
     return [
         Queue(
             route=route,
-            waiting=counts.get((route, ProductState.WAITING), 0),
-            ready=counts.get((route, ProductState.READY), 0),
-            running=counts.get((route, ProductState.RUNNING), 0),
+            waiting=count(route, ProductState.WAITING),
+            ready=count(route, ProductState.READY),
+            running=count(route, ProductState.RUNNING),
             messages=messages.get(route),
-            workers=serving[route],
-            per_minute=done.get(route, 0) * 60 / _RATE_SECONDS,
+            workers=workers[route] if isinstance(workers, Counter) else None,
+            per_minute=made.done.get(route, 0) * 60 / _RATE_SECONDS if isinstance(made, _Products) else None,
         )
-        for route in routes
+        for route in sorted(routes)
     ]
 
 
@@ -271,47 +310,67 @@ class _Collector:
 
     def collect(self) -> Iterator[Metric]:
         """Return the metrics of this moment."""
+        reads: dict[str, Callable[[Connection], list[Metric]]] = {
+            "products": _product_metrics,
+            "workers": _worker_metrics,
+            "runs": _run_metrics,
+        }
+
+        def question(read: Callable[[Connection], list[Metric]]) -> Callable[[], list[Metric]]:
+            def ask() -> list[Metric]:
+                with reading(self._context.engine) as connection:
+                    return read(connection)
+
+            return ask
+
+        answers = _ask(self._context, {f"metrics of {name}": question(read) for name, read in reads.items()})
+        known = {name: answer for name, answer in zip(reads, answers.values(), strict=True) if isinstance(answer, list)}
+        metrics = [metric for answer in known.values() for metric in answer]
+        routes = {sample.labels["route"] for metric in metrics for sample in metric.samples if "route" in sample.labels}
+        messages = _messages(self._context, sorted(routes | {EVAL_QUEUE}))
         up = GaugeMetricFamily(
             "valerie_up", "Whether a part answers; without it, its metrics are unknown", labels=["part"]
         )
-        try:
-            with reading(self._context.engine) as connection:
-                unfinished = totals.backlog(connection)
-                kinds = totals.totals(connection)
-                alive = processes.workers(connection, now=database_time(connection))
-                states = runs.count_by_state(connection)
-        except TransientError:
-            up.add_metric(["database"], 0)
-            up.add_metric(["broker"], float(bool(_messages(self._context, [EVAL_QUEUE]))))
-            yield up
-            return
-        messages = _messages(self._context, sorted({route for route, _, _ in unfinished} | {EVAL_QUEUE}))
-        up.add_metric(["database"], 1)
+        up.add_metric(["database"], float(known.keys() == reads.keys()))
         up.add_metric(["broker"], float(bool(messages)))
         yield up
-        backlog = GaugeMetricFamily("valerie_products", "Unfinished products", labels=["route", "state"])
-        for route, state, count in unfinished:
-            backlog.add_metric([route, state], count)
-        yield backlog
+        unknown = GaugeMetricFamily(
+            "valerie_unknown", "Whether the database did not give these metrics in time", labels=["metrics"]
+        )
+        for name in reads:
+            unknown.add_metric([name], float(name not in known))
+        yield unknown
         depth = GaugeMetricFamily("valerie_queue_messages", "Messages waiting in a queue", labels=["route"])
         for route, count in messages.items():
             depth.add_metric([route], count)
         yield depth
-        done = CounterMetricFamily("valerie_products_done", "Products made", labels=["kind"])
-        failed = CounterMetricFamily("valerie_products_failed", "Products that failed for good", labels=["kind"])
-        cpu = CounterMetricFamily(
-            "valerie_stage_cpu_seconds", "CPU seconds spent on finished products", labels=["kind"]
-        )
-        for kind, done_count, failed_count, seconds in kinds:
-            done.add_metric([kind], done_count)
-            failed.add_metric([kind], failed_count)
-            cpu.add_metric([kind], seconds)
-        yield from (done, failed, cpu)
-        workers = GaugeMetricFamily("valerie_workers", "Living worker processes", labels=["stage"])
-        for stage in Stage:
-            workers.add_metric([stage], sum(1 for worker in alive if worker.stage is stage))
-        yield workers
-        by_state = GaugeMetricFamily("valerie_runs", "Runs by state", labels=["state"])
-        for run_state, count in states.items():
-            by_state.add_metric([run_state], count)
-        yield by_state
+        yield from metrics
+
+
+def _product_metrics(connection: Connection) -> list[Metric]:
+    backlog = GaugeMetricFamily("valerie_products", "Unfinished products", labels=["route", "state"])
+    for route, state, count in totals.backlog(connection):
+        backlog.add_metric([route, state], count)
+    done = CounterMetricFamily("valerie_products_done", "Products made", labels=["kind"])
+    failed = CounterMetricFamily("valerie_products_failed", "Products that failed for good", labels=["kind"])
+    cpu = CounterMetricFamily("valerie_stage_cpu_seconds", "CPU seconds spent on finished products", labels=["kind"])
+    for kind, done_count, failed_count, seconds in totals.totals(connection):
+        done.add_metric([kind], done_count)
+        failed.add_metric([kind], failed_count)
+        cpu.add_metric([kind], seconds)
+    return [backlog, done, failed, cpu]
+
+
+def _worker_metrics(connection: Connection) -> list[Metric]:
+    alive = processes.workers(connection, now=database_time(connection))
+    workers = GaugeMetricFamily("valerie_workers", "Living worker processes", labels=["stage"])
+    for stage in Stage:
+        workers.add_metric([stage], sum(1 for worker in alive if worker.stage is stage))
+    return [workers]
+
+
+def _run_metrics(connection: Connection) -> list[Metric]:
+    by_state = GaugeMetricFamily("valerie_runs", "Runs by state", labels=["state"])
+    for state, count in runs.count_by_state(connection).items():
+        by_state.add_metric([state], count)
+    return [by_state]

@@ -49,7 +49,7 @@ class Presence:
     """Thread that refreshes a worker's row and health file until `leave`, while Celery may fork at any time."""
 
     def __init__(self, settings: Settings, stage: Stage, machine: Probed) -> None:
-        self._engine = open_database(settings.database_url)
+        self._engine = open_database(settings.database_url, seconds=settings.database_seconds)
         self._stop = threading.Event()
         self._worker = WorkerRow(
             id=process_name(),

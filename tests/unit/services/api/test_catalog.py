@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
 import httpx
@@ -111,7 +112,9 @@ def test_metrics_say_that_the_database_does_not_answer(tmp_path: Path, monkeypat
     metrics = monitoring.metrics(world.context)
     assert 'valerie_up{part="database"} 0.0' in metrics
     assert 'valerie_up{part="broker"} 1.0' in metrics
-    assert "valerie_runs{" not in metrics
+    assert 'valerie_unknown{metrics="products"} 1.0' in metrics
+    assert "valerie_products{" not in metrics
+    assert "valerie_workers{" in metrics
 
 
 def test_readiness_does_not_wait_for_a_store_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,6 +136,25 @@ def test_readiness_does_not_wait_for_a_store_that_hangs(tmp_path: Path, monkeypa
         assert len(requests) == 1, "one thread waits, however often the probe comes"
     finally:
         released.set()
+
+
+def test_two_probes_at_once_both_have_the_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = DrawnWorld(settings_of(tmp_path))
+    asked, released = threading.Event(), threading.Event()
+
+    def answer_late(_: object) -> None:
+        asked.set()
+        released.wait(60)
+
+    monkeypatch.setattr(type(world.context.store), "check", answer_late)
+    monkeypatch.setattr(monitoring, "CHECK_SECONDS", 60.0)
+    with ThreadPoolExecutor(2) as executor:
+        first = executor.submit(monitoring.check, world.context)
+        assert asked.wait(60)
+        second = executor.submit(monitoring.check, world.context)
+        wait([second], timeout=0.5)  # it has asked by then, or asks anew
+        released.set()
+        assert first.result() == second.result() == {"database": "ok", "broker": "ok", "artifacts": "ok"}
 
 
 def test_the_process_is_alive_without_database_or_broker(api: httpx.Client) -> None:
