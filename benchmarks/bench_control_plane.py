@@ -6,15 +6,20 @@ asset, and reads the CPU time of every process:
 - *feeding*: 30,000 variants in this process, as the control loop feeds them: every row written, every message sent to Redis,
   nothing processed;
 - *running*: runs of growing size. ``--largest N`` sets the largest (default 30,000 variants of one camera: 120,001
-  products; 100,000 take ten to twenty minutes of CPU).
+  products; 100,000 take ten to twenty minutes of CPU);
+- *beside*: with ``--beside N`` this only: a run of 8 frames alone, and in the middle of one of N products.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
+import math
+import statistics
 import subprocess
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +43,8 @@ from valerie.settings import load_settings
 
 SIZES = (1_000, 10_000, 30_000, 100_000)
 FED = 30_000
+#: Small runs of each kind.
+BESIDE = 5
 
 
 def document(variants: int) -> dict[str, Any]:
@@ -113,6 +120,49 @@ def measure(system: System, variants: int) -> dict[str, Any]:
     }
 
 
+def measure_beside(system: System, products: int) -> dict[str, Any]:
+    """Measure small runs alone, then one after another while a large one is in work."""
+    seeds = itertools.count()
+    few_s(system, next(seeds))  # workers load the function
+    alone = [few_s(system, next(seeds)) for _ in range(BESIDE)]
+    large = system.submit(document(products // 4))
+    system.wait(
+        large, until=lambda progress: progress["stages"].get("eval", {}).get("done", 0) > products // 40, seconds=3600
+    )
+    before = system.progress(large)["stages"]["eval"]["done"]
+    beside = [few_s(system, next(seeds)) for _ in range(BESIDE)]
+    progress = system.progress(large)
+    assert progress["state"] == "running", "the large run ended too early"
+    system.client.post(f"/v1/runs/{large}/cancel").raise_for_status()
+    return {
+        "products": products,
+        "alone": _medians(alone),
+        "beside": _medians(beside),
+        "evaluations_of_the_large_run_meanwhile": progress["stages"]["eval"]["done"] - before,
+    }
+
+
+def _medians(times: Sequence[tuple[float, float]]) -> dict[str, float]:
+    firsts, ends = zip(*times, strict=True)
+    return {"first_s": round(statistics.median(firsts), 2), "end_s": round(statistics.median(ends), 2)}
+
+
+def few_s(system: System, seed: int) -> tuple[float, float]:
+    """Return the seconds until a new run of 8 frames has its first product done, and until its end."""
+    started, first = time.perf_counter(), math.inf
+
+    def until(progress: dict[str, Any]) -> bool:
+        nonlocal first
+        if progress["stages"].get("render", {}).get("done", 0):
+            first = min(first, time.perf_counter() - started)
+        return False
+
+    state = system.wait(system.submit(document(8) | {"seed": 1_000 + seed}), until=until)
+    assert state == "completed", state
+    ended = time.perf_counter() - started
+    return min(first, ended), ended
+
+
 def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
     """Measure the feeding of `FED` variants: CPU seconds of this process for the rows, and for the messages."""
     folder.mkdir()
@@ -160,15 +210,22 @@ def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--largest", type=int, default=30_000)
-    largest = parser.parse_args().largest
+    parser.add_argument("--beside", type=int, metavar="N")
+    chosen = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="valerie-bench-") as folder:
         assets = Path(folder) / "assets"
         write_box_street(assets / "box-street")
+        if chosen.beside:
+            with System(Path(folder) / "data", assets) as system:
+                beside = measure_beside(system, chosen.beside)
+            print(beside)
+            results.write("control-plane-beside", beside)
+            return
         feeding = measure_feeding(Path(folder) / "fed", assets)
         print("feeding:", feeding)
         with System(Path(folder) / "data", assets) as system:
             runs = []
-            for size in [size for size in SIZES if size <= largest]:
+            for size in [size for size in SIZES if size <= chosen.largest]:
                 runs.append(measure(system, size))
                 print(runs[-1])
     results.write("control-plane", {"feeding": feeding, "runs": runs})

@@ -9,14 +9,16 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 import pytest
+from sqlalchemy import update
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
 from valerie.db import products
 from valerie.db.engine import database_time, writing
+from valerie.db.models import Product
 from valerie.db.products import Job
 from valerie.pipeline.control.sharing import MOST_URGENT, parts_of
-from valerie.runs.products.states import Priority, ProductKind
+from valerie.runs.products.states import Priority, ProductKind, ProductState
 from valerie.runs.products.turns import packet_size
 
 PACKET = packet_size(ProductKind.LAYER)
@@ -28,7 +30,7 @@ def street(number: int, xs: int = 12, ys: int = 10) -> dict[str, Any]:
 
 
 class Queue:
-    """Takes products of the queue of the engine as workers do; nobody makes them, so nothing else becomes ready."""
+    """Takes packets of the engine's queue as a worker does: it has made one when it takes the next. Other queues stand still."""
 
     def __init__(self, pipeline: Pipeline) -> None:
         self._engine = pipeline.context.engine
@@ -37,6 +39,9 @@ class Queue:
     def take(self) -> list[Job]:
         with writing(self._engine) as connection:
             now = database_time(connection)
+            connection.execute(
+                update(Product).where(Product.state == ProductState.RUNNING).values(state=ProductState.DONE)
+            )
             return products.claim_next(connection, self._route, owner="w", now=now, lease_seconds=1e6)
 
     def takes(self, *runs: Sequence[str], packets: int = 10_000) -> list[int]:
@@ -106,10 +111,10 @@ def test_runs_of_an_owner_share_by_priority_and_take_nothing_from_others(pipelin
 def test_a_late_run_gets_its_share_from_its_start_and_nothing_for_the_time_before(
     owner: str, pipeline: Pipeline
 ) -> None:
-    first = pipeline.submit(street(0), owner="a")
+    first = pipeline.submit(street(0, ys=20), owner="a")
     pipeline.loop.tick(everything=True)
     queue = Queue(pipeline)
-    for _ in range(4):
+    for _ in range(10):
         assert queue.take()
     second = pipeline.submit(street(1, ys=4), owner=owner)
     pipeline.loop.tick(everything=True)
@@ -120,13 +125,13 @@ def test_a_late_run_gets_its_share_from_its_start_and_nothing_for_the_time_befor
 
 def test_an_owner_that_had_nothing_for_a_while_does_not_catch_up(pipeline: Pipeline) -> None:
     early = pipeline.submit(street(0, ys=1), owner="b")
-    long = pipeline.submit(street(1, ys=14), owner="a")
+    long = pipeline.submit(street(1, ys=20), owner="a")
     pipeline.loop.tick(everything=True)
     queue = Queue(pipeline)
     had = 0
     while had < 2 + 2 * 12:  # a background and the layers of each camera
         had += sum(job.frame.key.run_id == early for job in queue.take())
-    for _ in range(3):
+    for _ in range(10):
         assert {job.frame.key.run_id for job in queue.take()} == {long}
     back = pipeline.submit(street(2, ys=3), owner="b")
     pipeline.loop.tick(everything=True)
@@ -142,7 +147,7 @@ def test_a_product_of_two_owners_is_in_the_line_where_it_is_nearer(pipeline: Pip
     queue = Queue(pipeline)
     end = large | {"name": "its end", "vary": [["person-1.pos.x", "HOMOGENEOUS", -1.9, -1.9, 0.1], large["vary"][1]]}
     far = max(row.turn for row in pipeline.products())
-    small = pipeline.submit(end, owner="b")
+    pipeline.submit(end, owner="b")
     pipeline.loop.tick(everything=True)
     moved = {row.digest for row in pipeline.products() if row.owner == "b" and row.kind is ProductKind.LAYER}
     assert len(moved) == 20, "no layer of the small run waits in the long line"
@@ -150,11 +155,6 @@ def test_a_product_of_two_owners_is_in_the_line_where_it_is_nearer(pipeline: Pip
     while not moved <= set(taken):
         taken += [job.digest for job in queue.take()]
     assert len(taken) < far / 5
-    # A run that wants the same from the beginning is no sooner, and leaves the line as it is.
-    pipeline.submit(large | {"name": "the same"}, owner="c")
-    pipeline.loop.tick(everything=True)
-    assert small
-    assert {row.owner for row in pipeline.products()} == {"a", "b"}
 
 
 def test_lines_do_not_break_up_the_warm_cache(pipelines: Callable[..., Pipeline]) -> None:
