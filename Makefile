@@ -156,7 +156,7 @@ sbom: .venv-sbom ## List all installed packages with versions and licences in va
 	.venv-sbom/bin/cyclonedx-py environment --output-reproducible --output-file var/sbom.json $(PYTHON_BIN)
 
 .PHONY: release
-release: .venv-sbom ## Build wheel, SBOM and checksums of a tag into dist/, equal on every machine (TAG=v0.1.0)
+release: .venv-sbom ## Build wheel, SBOM and checksums of a tag into dist/, each time with the same bytes (TAG=v0.1.0)
 	test -n "$(TAG)" || { echo "make release: name a tag: TAG=v0.1.0" >&2; exit 2; }
 	rm -rf dist && bin/release $(TAG) dist
 	git show $(TAG):constraints.txt > dist/constraints.txt
