@@ -9,6 +9,7 @@ CYCLES_VENV ?= .venv-cycles
 export CYCLES_VENV
 PYTHON_BIN := $(VENV)/bin/python
 SPEC ?= examples/first-run.yaml
+TAG ?=
 PYTEST_OPTIONS ?=
 # Limits for the tests, which run processes, GL and networks on two cores; users have none. Bytecode is kept even where the
 # shell forbids it: some hundred processes would compile all sources again.
@@ -150,6 +151,14 @@ test-rocrate: setup-dev ## Check with roc-validator that evidence is a valid RO-
 sbom: .venv-sbom ## List all installed packages with versions and licences in var/sbom.json (CycloneDX)
 	mkdir -p var
 	.venv-sbom/bin/cyclonedx-py environment --output-reproducible --output-file var/sbom.json $(PYTHON_BIN)
+
+.PHONY: release
+release: .venv-sbom ## Build wheel, SBOM and checksums of a tag into dist/, each time with the same bytes (TAG=v0.1.0)
+	test -n "$(TAG)" || { echo "make release: name a tag: TAG=v0.1.0" >&2; exit 2; }
+	rm -rf dist && bin/release $(TAG) dist
+	git show $(TAG):constraints.txt > dist/constraints.txt
+	.venv-sbom/bin/cyclonedx-py requirements --output-reproducible --output-file dist/sbom.json dist/constraints.txt
+	cd dist && sha256sum * > SHA256SUMS
 
 # pip-audit writes its file only if it has looked at every package and found something.
 .PHONY: audit

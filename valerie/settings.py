@@ -10,6 +10,7 @@ import base64
 import os
 import re
 from collections.abc import Mapping
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -93,6 +94,11 @@ class Settings(BaseSettings):
     oidc_hours: float = Field(12.0, gt=0, le=720, allow_inf_nan=False, description="time until somebody signs in again")
     requests_per_minute: int = Field(
         0, ge=0, description="requests of a token, or of an address without one; then 429; 0: no limit"
+    )
+    trusted_proxies: str = Field(
+        "",
+        description="addresses of proxies whose X-Forwarded-For and X-Forwarded-Proto count, as 10.0.0.2,10.1.0.0/16; "
+        "empty: none",
     )
     max_body_bytes: int = Field(2_000_000, ge=1_000, description="longest request body")
     body_seconds: Seconds = Field(
@@ -264,6 +270,20 @@ class Settings(BaseSettings):
         return self
 
     @model_validator(mode="after")
+    def _usable_proxies(self) -> Self:
+        for entry in self.proxies:
+            try:
+                ip_network(entry)
+            except ValueError:
+                raise InvalidInput(
+                    "not an address or a network",
+                    field="VALERIE_TRUSTED_PROXIES",
+                    value=entry,
+                    limit="10.0.0.2, 10.1.0.0/16, fd00::2",
+                ) from None
+        return self
+
+    @model_validator(mode="after")
     def _usable_tenants(self) -> Self:
         _ = self._tenants
         return self
@@ -299,6 +319,11 @@ class Settings(BaseSettings):
     def http_addresses(self) -> tuple[str, ...]:
         """The entries of ``http_functions``."""
         return _entries(self.http_functions)
+
+    @property
+    def proxies(self) -> tuple[str, ...]:
+        """The entries of ``trusted_proxies``."""
+        return _entries(self.trusted_proxies)
 
     @property
     def webhook_urls(self) -> tuple[str, ...]:

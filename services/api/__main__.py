@@ -57,6 +57,7 @@ def _run(arguments: argparse.Namespace) -> None:
         host=settings.api_host,
         port=settings.api_port,
         http=Connection,
+        proxy_headers=False,  # the application knows whom to trust
         timeout_keep_alive=HEAD_SECONDS,
         log_config=None,
         access_log=False,

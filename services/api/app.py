@@ -12,6 +12,7 @@ from typing import Final
 import structlog
 from fastapi import Depends, FastAPI, Request
 from fastapi.responses import JSONResponse, RedirectResponse
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from services.api import openapi, problems
 from services.api.dashboard_pages import DashboardFiles
@@ -138,6 +139,8 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
     openapi.install(app, [*routers, sign_in.router, health.router])
     app.add_middleware(Protection, settings=settings)
     app.add_middleware(HeadAsGet)
+    # The last added is the first asked.
+    app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=[*settings.proxies])
     for router in routers:
         shared = [Depends(require_role), Depends(require_own), Depends(only_declared_queries)]
         app.include_router(router, dependencies=shared)

@@ -29,14 +29,28 @@ def run(*command: str | Path, cwd: Path, **environment: str) -> str:
     return done.stdout + done.stderr
 
 
-def test_a_wheel_runs_the_shipped_example_away_from_the_sources(tmp_path: Path) -> None:
-    archive, source, bare = tmp_path / "source.tar", tmp_path / "source", tmp_path / "bare"
-    run("git", "-C", ROOT, "archive", "-o", archive, "HEAD", cwd=tmp_path)
-    source.mkdir()
-    run("tar", "xf", archive, "-C", source, cwd=tmp_path)
+def build(folder: Path, *, umask: str) -> Path:
+    """Return the wheel of the last commit."""
+    script = f"umask {umask} && exec {ROOT / 'bin' / 'release'} HEAD {folder}"
+    run("bash", "-c", script, cwd=ROOT, VENV=sys.prefix)
+    (wheel,) = folder.iterdir()
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("first"), umask="022")
+
+
+def test_a_release_is_built_twice_with_equal_bytes(wheel: Path, tmp_path: Path) -> None:
+    again = build(tmp_path / "second", umask="077")
+    assert again.name == wheel.name
+    assert again.read_bytes() == wheel.read_bytes()
+
+
+def test_a_wheel_runs_the_shipped_example_away_from_the_sources(wheel: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check")
-    run(*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", tmp_path, source, cwd=tmp_path)
-    (wheel,) = tmp_path.glob("valerie-*.whl")
     venv.create(bare)
     run(*pip, "--python", bare / "bin" / "python", "install", "--no-deps", wheel, cwd=tmp_path)
     # The dependencies are those of this environment; the sources of its editable installation stay out.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,14 @@ STAGES = {"render_worker": "RENDER", "cycles_worker": "RENDER", "infer_worker": 
 
 
 @pytest.fixture(scope="module")
-def services() -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text("utf-8"))["services"]
+def compose() -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text("utf-8"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def services(compose: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = compose["services"]
     return found
 
 
@@ -35,3 +42,17 @@ def test_every_service_is_read_only_and_limited(services: dict[str, Any]) -> Non
         assert service["mem_limit"], name
         assert service["pids_limit"], name
         assert "no-new-privileges:true" in service["security_opt"], name
+
+
+def test_the_api_trusts_the_proxy_alone_which_reaches_nothing_else(
+    compose: dict[str, Any], services: dict[str, Any]
+) -> None:
+    address = services["proxy"]["networks"]["edge"]["ipv4_address"]
+    assert services["api"]["environment"]["VALERIE_TRUSTED_PROXIES"] == address
+    (network,) = compose["networks"]["edge"]["ipam"]["config"]
+    assert ip_address(address) in ip_network(network["subnet"])
+    assert [*services["proxy"]["networks"]] == ["edge"]
+    assert {name for name, service in services.items() if "edge" in service.get("networks", ())} == {"api", "proxy"}
+    published = {name for name, service in services.items() if "ports" in service}
+    assert published == {"api", "proxy"}
+    assert services["proxy"]["profiles"] == ["tls"]

@@ -26,6 +26,7 @@ def served(app: ASGIApp, *, token: str | None = None, head_seconds: int = HEAD_S
         uvicorn.Config(
             app,
             http=Connection,
+            proxy_headers=False,
             timeout_keep_alive=head_seconds,
             log_config=None,
             access_log=False,
