@@ -10,7 +10,7 @@ from itertools import accumulate
 from pathlib import Path
 
 import pytest
-from sqlalchemy import Engine, select
+from sqlalchemy import Engine, select, text
 
 from tests.integration.waiting import wait_for_locks
 from tests.world.blank import Pipeline
@@ -122,6 +122,31 @@ def test_the_time_of_leases_is_the_servers(engine: Engine, monkeypatch: pytest.M
         assert abs(sent - real) < 1e5
         sweeping.bound_times(connection, now=sent - 1e5, lease_seconds=60.0)
         assert connection.scalar(select(Product.sent_at)) == pytest.approx(sent - 1e5)
+
+
+def test_workers_that_claim_at_the_same_time_get_different_packets_and_none_waits(
+    new_database: Callable[[], str], tmp_path: Path
+) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+    engine, _ = pipeline.context.engine, pipeline.submit()
+    pipeline.loop.tick(everything=True)
+    ready = [product for product in pipeline.products() if product.kind is ProductKind.TRUTH]
+    (route,) = {product.route for product in ready}
+    with writing(engine) as first, writing(engine) as second:
+        second.execute(text("SET LOCAL lock_timeout = '1s'"))
+        packets = [
+            products.claim_next(connection, route, owner=owner, now=1.0, lease_seconds=60.0)
+            for connection, owner in ((first, "first"), (second, "second"))
+        ]
+    taken = [job.digest for packet in packets for job in packet]
+    assert all(packets)
+    assert len(taken) == len(set(taken))
+    owners = {product.digest: product.lease_owner for product in pipeline.products() if product.digest in taken}
+    assert owners == {
+        job.digest: owner for owner, packet in zip(("first", "second"), packets, strict=True) for job in packet
+    }
+    engine.dispose()
 
 
 def test_a_run_that_continues_gets_the_products_that_a_worker_is_parking(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
-from sqlalchemy import Connection, bindparam, delete, select, update
+from sqlalchemy import Connection, bindparam, delete, func, select, update
 
 from valerie.db.models import Lease, Specimen, Worker
 from valerie.db.rows import columns_of, read_all
@@ -38,11 +38,9 @@ class WorkerRow:
 
 
 # Built once: building a statement costs more than executing it, and the control loop needs these in each round.
-_ALIVE: Final = (
-    select(*columns_of(WorkerRow, Worker))
-    .where(Worker.seen_at.between(bindparam("first"), bindparam("last")))
-    .order_by(Worker.started_at)
-)
+_LIVING: Final = Worker.seen_at.between(bindparam("first"), bindparam("last"))
+_ALIVE: Final = select(*columns_of(WorkerRow, Worker)).where(_LIVING).order_by(Worker.started_at)
+_COUNT: Final = select(func.count()).select_from(Worker).where(_LIVING)
 _TAKE: Final = (
     update(Lease)
     .where(Lease.name == bindparam("role"), (Lease.owner == bindparam("holder")) | (Lease.until < bindparam("now")))
@@ -103,6 +101,11 @@ def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
     """Return the live workers, the longest-running first."""
     # A heartbeat from the future is of a worker that died before the clock was set back: a live one sends another.
     return read_all(connection, _ALIVE, WorkerRow, first=now - ALIVE_SECONDS, last=now + ALIVE_SECONDS)
+
+
+def count_workers(connection: Connection, *, now: float) -> int:
+    """Return the number of live workers."""
+    return connection.scalar(_COUNT, {"first": now - ALIVE_SECONDS, "last": now + ALIVE_SECONDS}) or 0
 
 
 def offers(connection: Connection, *, now: float) -> list[AnyOffer]:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from sqlalchemy import event
 
 from tests.world.blank import SMALL, Pipeline
 from valerie.broker import Broker
+from valerie.db import processes
+from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
 from valerie.errors import InvalidInput
 from valerie.pipeline.work.asking import ask_for_work
@@ -57,6 +61,78 @@ def test_a_worker_that_is_asked_to_end_ends_after_the_products_in_work(pipeline:
     states = {product.state for product in pipeline.products()}
     assert {"done", "ready"} <= states
     assert "running" not in states
+
+
+class Clock(threading.Event):
+    """Time that passes only while someone waits, until an end."""
+
+    def __init__(self, end: float, at: Callable[[float], None] = lambda _now: None) -> None:
+        super().__init__()
+        self.now, self.pauses = 0.0, list[float]()
+        self._end, self._at = end, at
+
+    def wait(self, timeout: float | None = None) -> bool:
+        assert timeout is not None
+        self.now += timeout
+        self.pauses.append(timeout)
+        self._at(self.now)
+        if self.now >= self._end:
+            self.set()
+        return self.is_set()
+
+    def ask(self, pipeline: Pipeline, *routes: str) -> None:
+        context = replace(pipeline.context, elapsed=lambda: self.now)
+        ask_for_work(context, pipeline.makers[Stage.RENDER], routes, self)
+
+
+@pytest.fixture
+def idle(pipelines: Callable[..., Pipeline]) -> Pipeline:
+    return pipelines(broker_url=NO_BROKER, worker_idle_seconds=1e4)
+
+
+def test_idle_workers_only_read_and_ever_more_seldom(idle: Pipeline) -> None:
+    for number in range(63):
+        idle.offer(f"worker-{number}")
+    statements: list[str] = []
+    event.listen(idle.context.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
+    clock = Clock(600.0)
+    clock.ask(idle, "render.blank", "render.truth")
+    assert clock.pauses[0] <= 1.0
+    assert max(clock.pauses) <= 10.0
+    assert 64 * len(statements) / clock.now < 50, "statements of 64 idle workers per second"
+    assert not [text for text in statements if not text.startswith(("BEGIN", "SELECT")) or "IMMEDIATE" in text]
+
+
+def test_a_worker_of_few_notices_a_run_within_three_seconds_and_goes_on_quickly(idle: Pipeline) -> None:
+    started = list[float]()
+
+    def submit(now: float) -> None:
+        if now > 100.0 and not started:
+            started.append(now)
+            idle.submit(SMALL)
+            idle.loop.tick(everything=True)
+
+    clock = Clock(130.0, submit)
+    made: list[float] = []
+    idle.makers[Stage.RENDER].before = lambda _job: made.append(clock.now)
+    with reading(idle.context.engine) as connection:
+        routes = [
+            offer.route
+            for offer in processes.offers(connection, now=time.time())
+            if stage_of(offer.route) is Stage.RENDER
+        ]
+    clock.ask(idle, *routes)
+    assert made
+    assert made[0] - started[0] <= 3.0
+    assert max(clock.pauses) <= 3.0
+    after = clock.pauses[clock.pauses.index(max(clock.pauses)) :]
+    assert min(after) <= 1.0
+
+
+def test_a_worker_without_work_ends_in_time(pipelines: Callable[..., Pipeline]) -> None:
+    clock = Clock(1e4)
+    clock.ask(pipelines(broker_url=NO_BROKER, worker_idle_seconds=20.0), "render.blank")
+    assert clock.now == pytest.approx(20.0)
 
 
 def test_a_worker_that_waits_for_messages_needs_a_broker(pipeline: Pipeline) -> None:
