@@ -14,7 +14,7 @@ from dataclasses import replace
 import structlog
 
 from tests.simulation.bugs import BUGS
-from tests.simulation.world import FAULTS, Outcome, Simulation
+from tests.simulation.world import AFTER_OUTAGE, FAULTS, OUTAGE, Outcome, Simulation
 
 #: Schedules within which a planted bug must be found.
 _SOON = 20
@@ -29,6 +29,9 @@ def main() -> int:
     parser.add_argument(
         "--fault", action="append", choices=sorted(set(FAULTS)), help="use only this fault; may be repeated"
     )
+    parser.add_argument(
+        "--outage", action="store_true", help="play the same faults in each schedule, which stop all rendering"
+    )
     parser.add_argument("--bug", choices=sorted(BUGS), help="plant a bug")
     parser.add_argument("--prove", action="store_true", help="also plant each bug, and fail unless it is found")
     arguments = parser.parse_args()
@@ -41,13 +44,24 @@ def main() -> int:
     faults = arguments.fault or FAULTS
     with BUGS[arguments.bug].plant() if arguments.bug else nullcontext():
         if arguments.seed is not None:
-            outcome = judged(Simulation(arguments.seed, faults).run(), calm)
+            outcome = played(arguments.seed, faults, calm, outage=arguments.outage)
             print("\n".join(outcome.trace), *outcome.violations, sep="\n")
             return int(bool(outcome.violations))
         seeds = range(arguments.first, arguments.first + arguments.schedules)
-        violated = many(seeds, faults, calm, " ".join(f"--fault '{fault}'" for fault in arguments.fault or ()))
+        options = " ".join(f"--fault '{fault}'" for fault in arguments.fault or ())
+        violated = many(seeds, faults, calm, options, outage=arguments.outage)
     missed = [name for name in BUGS if arguments.prove and not found(name, calm)]
     return int(violated or bool(missed))
+
+
+def played(seed: int, faults: Sequence[str], calm: Outcome, *, outage: bool) -> Outcome:
+    """Return the judged outcome of a schedule; after an outage, rendering must go on in time."""
+    if not outage:
+        return judged(Simulation(seed, faults).run(), calm)
+    outcome = judged(Simulation(seed, (), planned=OUTAGE).run(), calm)
+    if outcome.violations or (outcome.first is not None and outcome.first <= AFTER_OUTAGE):
+        return outcome
+    return replace(outcome, violations=(f"nothing was rendered in time after the outage: {outcome.first} s",))
 
 
 def judged(outcome: Outcome, calm: Outcome) -> Outcome:
@@ -58,23 +72,23 @@ def judged(outcome: Outcome, calm: Outcome) -> Outcome:
     return replace(outcome, violations=(text,))
 
 
-def many(seeds: range, faults: Sequence[str], calm: Outcome, options: str) -> bool:
+def many(seeds: range, faults: Sequence[str], calm: Outcome, options: str, *, outage: bool) -> bool:
     """Try seeds, print figures and the command that repeats each failure, and return whether a seed failed."""
-    started, failed, worst, steps, disturbed = time.process_time(), 0, (0.0, 0), 0, 0
+    started, failed, worst, first, steps, disturbed = time.process_time(), 0, (0.0, 0), (0.0, 0), 0, 0
     for seed in seeds:
-        outcome = judged(Simulation(seed, faults).run(), calm)
+        outcome = played(seed, faults, calm, outage=outage)
+        first = max(first, (outcome.first or 0.0, seed))
         worst = max(worst, (outcome.standstill, seed))
         steps, disturbed = steps + outcome.steps, disturbed + outcome.faults
         if outcome.violations:
             failed += 1
-            print(
-                f"seed {seed}: {outcome.violations[0]}\n  python -m tests.simulation --seed {seed} {options}",
-                flush=True,
-            )
+            command = f"python -m tests.simulation --seed {seed} {options}{'--outage' * outage}"
+            print(f"seed {seed}: {outcome.violations[0]}\n  {command}", flush=True)
     print(
         f"{len(seeds)} schedules of {calm.products} products, {disturbed} faults, {steps} steps, "
         f"{time.process_time() - started:.1f} CPU-s: {failed} failed; "
-        f"longest standstill {worst[0]:.1f} s (seed {worst[1]})"
+        f"longest standstill {worst[0]:.1f} s (seed {worst[1]}), "
+        f"longest wait for a rendered product {first[0]:.1f} s (seed {first[1]})"
     )
     return failed > 0
 

@@ -57,6 +57,17 @@ FAULTS = (
     "cancel and resume",
     "retry",
 )
+STORM = "storm of cancel, resume, retry"
+#: Faults that leave no render worker to two small runs, with their times.
+OUTAGE = (
+    (0.5, "freeze render-1"),
+    (1.0, "kill render-2"),
+    (1.5, "restart broker"),
+    (2.0, STORM),
+)
+#: Time limit until a product is rendered after an outage, seconds.
+AFTER_OUTAGE = LEASE
+_STORM_SECONDS = 3.0
 _MOVES = {
     "waiting": {"ready", "failed"},
     "ready": {"running", "failed"},
@@ -67,7 +78,7 @@ _MOVES = {
 }
 _WATCH = """
 CREATE TRIGGER moved AFTER UPDATE OF state ON products WHEN OLD.state <> NEW.state BEGIN
-  SELECT moved(NEW.digest, OLD.state, NEW.state, OLD.lease_owner, OLD.lease_until); END;
+  SELECT moved(NEW.digest, OLD.state, NEW.state, OLD.lease_owner, OLD.lease_until, NEW.route); END;
 CREATE TRIGGER tried AFTER UPDATE OF attempts ON products BEGIN SELECT tried(NEW.digest, NEW.attempts); END;
 CREATE TRIGGER viewed AFTER INSERT ON person_views BEGIN SELECT viewed(NEW.truth, NEW.pixel_area); END;
 CREATE TRIGGER scored AFTER INSERT ON person_scores BEGIN SELECT viewed(NEW.digest, NEW.tp); END;
@@ -94,6 +105,8 @@ class Outcome:
         digest: of all rows and objects.
         faults, steps, seconds: numbers of faults and steps, and the virtual time until all runs ended.
         standstill: longest time without progress of any product after the last disturbance, seconds.
+        first: from the end of the last fault, though a process may still be frozen, until the next product was
+            rendered, seconds; None if none was left.
         products: number of products.
         trace: log of all steps and faults.
     """
@@ -104,6 +117,7 @@ class Outcome:
     steps: int
     seconds: float
     standstill: float
+    first: float | None
     products: int
     trace: tuple[str, ...]
 
@@ -136,7 +150,7 @@ class _AtOnce(Executor):
 class Simulation:
     """See `tests.simulation`."""
 
-    def __init__(self, seed: int, faults: Sequence[str] = FAULTS) -> None:
+    def __init__(self, seed: int, faults: Sequence[str] = FAULTS, *, planned: Sequence[tuple[float, str]] = ()) -> None:
         pipeline, template, self._runs = _template()
         self._schedule = Schedule(seed, self._check)
         self._random = self._schedule.random
@@ -144,15 +158,16 @@ class Simulation:
         self._queues = Queues(self._schedule, self._weather)
         self._store = Store(self._schedule, self._weather)
         self._violations: list[str] = []
-        self._moved_at = self._disturbed_at = self._standstill = 0.0
-        self._faults: list[tuple[float, str]] = []
+        self._moved_at = self._disturbed_at = self._ended_at = self._standstill = 0.0
+        self._first: float | None = None
+        self._faults: list[tuple[float, str]] = list(planned)
         self._engine = open_database("sqlite://", clock=self._schedule.clock)
         raw: Any = self._engine.raw_connection().driver_connection
         source: Any = template.raw_connection()
         source.driver_connection.backup(raw)
         source.close()
         self._sql = raw
-        raw.create_function("moved", 5, self._moved)
+        raw.create_function("moved", 6, self._moved)
         raw.create_function("tried", 2, self._tried)
         raw.create_function("viewed", 2, self._viewed)
         raw.executescript(_WATCH)
@@ -191,8 +206,8 @@ class Simulation:
         products = self._sql.execute("SELECT count(*) FROM products").fetchone()[0]
         self._engine.dispose()
         return Outcome(
-            tuple(self._violations), digest, len(self._faults), schedule.steps, schedule.now, self._standstill, products,
-            tuple(schedule.trace),
+            tuple(self._violations), digest, len(self._faults), schedule.steps, schedule.now, self._standstill, self._first,
+            products, tuple(schedule.trace),
         )  # fmt: skip
 
     # -- processes -------------------------------------------------------------------------------------------------------
@@ -251,13 +266,13 @@ class Simulation:
     def _disturb(self, fault: str) -> None:
         schedule, random, weather = self._schedule, self._random, self._weather
         schedule.note(f"fault: {fault}")
-        self._disturbed_at = max(self._disturbed_at, schedule.now)
+        self._lasting(schedule.now)
         until = schedule.now + random.uniform(2.0, 15.0)
         what, _, _ = fault.partition(" ")
         match fault:
-            case "kill worker" | "kill control":
+            case "kill worker" | "kill control" | "kill render-2":
                 self._kill(self._any(fault.split()[1]))
-            case "freeze worker" | "freeze control":
+            case "freeze worker" | "freeze control" | "freeze render-1":
                 process = self._processes[self._any(fault.split()[1])][0]
                 process.frozen_until = schedule.now + random.uniform(0.5, 2.5) * LEASE
                 self._disturbed_at = max(self._disturbed_at, process.frozen_until)
@@ -279,7 +294,7 @@ class Simulation:
                 name = self._any(what)
                 self._processes[name][0].skew = 7200.0
                 schedule.at(schedule.now + random.uniform(0.5, 6.0), lambda: self._kill(name))
-                self._disturbed_at = max(self._disturbed_at, schedule.now + 6.0)
+                self._lasting(schedule.now + 6.0)
             case "lock database":
                 weather.locked = max(weather.locked, until)
             case "cancel and resume":
@@ -289,14 +304,32 @@ class Simulation:
                     schedule.now + after,
                     lambda: self._user("resume", lambda context: lifecycle.resume(context, run_id)),
                 )
-                self._disturbed_at = max(self._disturbed_at, schedule.now + after)
+                self._lasting(schedule.now + after)
+            case _ if fault == STORM:
+                for run_id in self._runs:
+                    for _ in range(20):
+                        action = random.choice((lifecycle.cancel, lifecycle.resume, lifecycle.retry))
+                        self._later(random.uniform(0.0, _STORM_SECONDS), action, run_id)
+                    self._later(_STORM_SECONDS, lifecycle.resume, run_id)
+                self._lasting(schedule.now + _STORM_SECONDS)
             case "retry":
                 run_id = random.choice(self._runs)
                 self._user("retry", lambda context: lifecycle.retry(context, run_id))
-        self._disturbed_at = max(self._disturbed_at, weather.clear_at)
+        self._lasting(weather.clear_at)
+
+    def _lasting(self, until: float) -> None:
+        """Note that a fault lasts until a time of the schedule."""
+        self._disturbed_at, self._ended_at = max(self._disturbed_at, until), max(self._ended_at, until)
+
+    def _later(self, seconds: float, action: Callable[[Context, str], None], run_id: str) -> None:
+        def act() -> None:
+            self._user(f"{action.__name__} {run_id}", lambda context: action(context, run_id))
+
+        self._schedule.at(self._schedule.now + seconds, act)
 
     def _any(self, kind: str) -> str:
-        names = [name for name in self._processes if (name.startswith("control")) == (kind == "control")]
+        workers = [name for name in self._processes if not name.startswith("control")]
+        names = workers if kind == "worker" else [name for name in self._processes if name.startswith(kind)]
         busy = [name for name in names if self._processes[name][0] in self._held]
         return self._random.choice(sorted(busy or names))
 
@@ -341,7 +374,7 @@ class Simulation:
         self._schedule.note(f"VIOLATION: {text}")
         self._violations.append(text)
 
-    def _moved(self, digest: str, old: str, new: str, owner: str | None, until: float | None) -> None:
+    def _moved(self, digest: str, old: str, new: str, owner: str | None, until: float | None, route: str) -> None:
         try:
             process = self._schedule.process
             actor = process.name if process else "nobody"
@@ -349,6 +382,9 @@ class Simulation:
                 self._violation(f"product {digest[:6]} went from {old} to {new} by {actor}")
             if old == "running" and owner != actor and (new == "done" or (until or 0.0) >= self._schedule.clock()):
                 self._violation(f"{actor} moved product {digest[:6]} to {new}, which {owner} holds")
+            rendered = new == "done" and route.startswith("render")
+            if rendered and self._first is None and self._schedule.now > self._ended_at:
+                self._first = self._schedule.now - self._ended_at
             if new in ("done", "failed", "ready", "running"):
                 # Counts only after the last disturbance, and not after the last product.
                 gap = self._schedule.now - max(self._moved_at, self._disturbed_at)
