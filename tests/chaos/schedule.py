@@ -21,7 +21,7 @@ import httpx
 from sqlalchemy import Engine, func, select
 
 from tests.acceptance.system import System
-from tests.chaos.faults import CLOCKS, FAULTS, MOUNTED, STORM, Target, clock_environment, new_clock
+from tests.chaos.faults import CLOCKS, FAULTS, FULL_DATA, MOUNTED, STORM, Target, clock_environment, new_clock
 from tests.chaos.link import Link
 from tests.chaos.watching import Happened, Watcher, contradictions, note_published
 from tests.world.boxes import spec, write_box_street
@@ -126,8 +126,11 @@ def _target(database: str, outcome: Outcome) -> Iterator[Target]:
         new_clock(clock)
     variables = clock_environment(clock)
     with ExitStack() as stack:
-        if names & set(MOUNTED):
-            stack.enter_context(_mounted(artifacts))
+        if names & (MOUNTED.keys() - {FULL_DATA}):
+            stack.enter_context(_mounted(artifacts, "16m"))
+        if FULL_DATA in names:
+            (folder / "data").mkdir()
+            stack.enter_context(_mounted(folder / "data", "64m"))
         server, links = None, dict[str, Link]()
         settings: dict[str, Any] = {"artifacts_url": str(artifacts), "database_seconds": _DATABASE_SECONDS}
         if database == "postgres":
@@ -167,9 +170,9 @@ def _await_workers(engine: Engine) -> None:
 
 
 @contextmanager
-def _mounted(folder: Path) -> Iterator[None]:
+def _mounted(folder: Path, size: str) -> Iterator[None]:
     """A small file system in memory that can be full or read-only."""
-    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=16m,mode=777", "chaos", str(folder)], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size},mode=777", "chaos", str(folder)], check=True)
     try:
         yield
     finally:
