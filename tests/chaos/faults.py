@@ -275,8 +275,8 @@ def _library(clock: Path) -> Path:
 CLOCKS = "step all clocks"
 STORM = "storm of cancel, resume, retry"
 FULL_DATA = "fill data folder"
-MOUNTED = {"fill store": _fill_store, "read-only store": _read_only_store, FULL_DATA: _fill_data}
-POSTGRES = {
+MOUNTED: dict[str, Fault] = {"fill store": _fill_store, "read-only store": _read_only_store, FULL_DATA: _fill_data}
+POSTGRES: dict[str, Fault] = {
     "kill database": _kill_database,
     "freeze database": _freeze_database,
     "restart database": _restart_database,
