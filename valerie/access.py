@@ -69,6 +69,9 @@ class Caller:
 #: The caller with the token of the settings. No token can have this name, since names have no capitals.
 OPERATOR: Final = Caller("OPERATOR", "", Role.ADMIN)
 
+#: In the audit log, the caller of commands that change the database directly.
+COMMAND: Final = "COMMAND"
+
 
 def new_secret() -> str:
     """Return a random secret of 256 bits."""

@@ -104,6 +104,9 @@ class Settings(BaseSettings):
     body_seconds: Seconds = Field(
         60.0, description="time for a request body to arrive; for each part where it is a file"
     )
+    unread_seconds: Seconds = Field(
+        30.0, description="time in which a client must take 16 KiB of an answer, or lose the connection"
+    )
 
     # Functions under test
     max_function_mb: int = Field(

@@ -10,7 +10,7 @@ import threading
 import uvicorn
 
 from services.api.app import create_app
-from services.api.connections import HEAD_SECONDS, Connection
+from services.api.connections import HEAD_SECONDS, limited
 from valerie.db.migrate import migrate
 from valerie.errors import ValerieError
 from valerie.logs import configure_logging
@@ -56,7 +56,7 @@ def _run(arguments: argparse.Namespace) -> None:
         app,
         host=settings.api_host,
         port=settings.api_port,
-        http=Connection,
+        http=limited(settings.unread_seconds),
         proxy_headers=False,  # the application knows whom to trust
         timeout_keep_alive=HEAD_SECONDS,
         log_config=None,

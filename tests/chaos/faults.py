@@ -107,6 +107,16 @@ def _freeze_control(target: Target, random: Random) -> None:
     _freeze(target.processes("api"), random.uniform(1.2, 2.0) * target.lease)
 
 
+def _freeze_child(target: Target, random: Random) -> None:
+    _freeze(target.processes(random.choice(tuple(WORKERS)), computing=True), random.uniform(1.2, 2.0) * target.lease)
+
+
+def _freeze_database(target: Target, random: Random) -> None:
+    assert target.server is not None
+    with target.alone:
+        _freeze(target.server.processes(), random.uniform(1.0, 8.0))
+
+
 def _hang_broker(target: Target, random: Random) -> None:
     _freeze(target.processes("redis"), random.uniform(1.0, 8.0))
 
@@ -157,7 +167,15 @@ def _end_sessions(target: Target, random: Random) -> None:
 
 
 def _fill_store(target: Target, random: Random) -> None:
-    ballast = target.artifacts / "ballast"
+    _fill(target, target.artifacts, random)
+
+
+def _fill_data(target: Target, random: Random) -> None:
+    _fill(target, target.system.settings.data_dir, random)
+
+
+def _fill(target: Target, folder: Path, random: Random) -> None:
+    ballast = folder / "ballast"
     with target.alone:
         with suppress(OSError), ballast.open("wb", buffering=0) as file:  # until there is no space left
             while file.write(bytes(4096)):
@@ -270,9 +288,11 @@ CLOCKS, CALLS = "step all clocks", "failing calls of store"
 #: Fault to the source of the library that it needs.
 DIALS = {CLOCKS: "clock.c", CALLS: "calls.c"}
 STORM = "storm of cancel, resume, retry"
-MOUNTED = {"fill store": _fill_store, "read-only store": _read_only_store}
-POSTGRES = {
+FULL_DATA = "fill data folder"
+MOUNTED: dict[str, Fault] = {"fill store": _fill_store, "read-only store": _read_only_store, FULL_DATA: _fill_data}
+POSTGRES: dict[str, Fault] = {
     "kill database": _kill_database,
+    "freeze database": _freeze_database,
     "restart database": _restart_database,
     "end sessions of database": _end_sessions,
     "cut link to database": partial(_cut_link, "database"),
@@ -284,6 +304,7 @@ FAULTS: dict[str, Fault] = {
     "kill child of worker": _kill_child,
     "kill API with control": _kill_control,
     "freeze worker": _freeze_worker,
+    "freeze child of worker": _freeze_child,
     "freeze API with control": _freeze_control,
     "second control": _second_control,
     "kill broker": _kill_broker,

@@ -21,7 +21,7 @@ import httpx
 from sqlalchemy import Engine, func, select
 
 from tests.acceptance.system import System
-from tests.chaos.faults import DIALS, FAULTS, MOUNTED, STORM, Target, dial_environment, new_dial
+from tests.chaos.faults import DIALS, FAULTS, FULL_DATA, MOUNTED, STORM, Target, dial_environment, new_dial
 from tests.chaos.link import Link
 from tests.chaos.watching import Happened, Watcher, contradictions, note_published
 from tests.world.boxes import spec, write_box_street
@@ -125,8 +125,11 @@ def _target(database: str, outcome: Outcome) -> Iterator[Target]:
     dials = {name: new_dial(name, folder) for name in DIALS if name in names}
     variables = dial_environment(dials, artifacts)
     with ExitStack() as stack:
-        if names & set(MOUNTED):
-            stack.enter_context(_mounted(artifacts))
+        if names & (MOUNTED.keys() - {FULL_DATA}):
+            stack.enter_context(_mounted(artifacts, "16m"))
+        if FULL_DATA in names:
+            (folder / "data").mkdir()
+            stack.enter_context(_mounted(folder / "data", "64m"))
         server, links = None, dict[str, Link]()
         settings: dict[str, Any] = {"artifacts_url": str(artifacts), "database_seconds": _DATABASE_SECONDS}
         if database == "postgres":
@@ -166,9 +169,9 @@ def _await_workers(engine: Engine) -> None:
 
 
 @contextmanager
-def _mounted(folder: Path) -> Iterator[None]:
+def _mounted(folder: Path, size: str) -> Iterator[None]:
     """A small file system in memory that can be full or read-only."""
-    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=16m,mode=777", "chaos", str(folder)], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size},mode=777", "chaos", str(folder)], check=True)
     try:
         yield
     finally:

@@ -16,7 +16,7 @@ from functools import partial
 import structlog
 
 from tests.simulation.bugs import BUGS
-from tests.simulation.world import FAULTS, Outcome, Simulation, run_schedule
+from tests.simulation.world import AFTER_OUTAGE, FAULTS, OUTAGE, Outcome, Simulation, run_schedule
 
 #: Schedules within which a planted bug must be found.
 _SOON = 20
@@ -32,6 +32,9 @@ def main() -> int:
     parser.add_argument(
         "--fault", action="append", choices=sorted(set(FAULTS)), help="use only this fault; may be repeated"
     )
+    parser.add_argument(
+        "--outage", action="store_true", help="play the same faults in each schedule, which stop all rendering"
+    )
     parser.add_argument("--bug", choices=sorted(BUGS), help="plant a bug")
     parser.add_argument("--prove", action="store_true", help="also plant each bug, and fail unless it is found")
     arguments = parser.parse_args()
@@ -44,13 +47,15 @@ def main() -> int:
     faults = arguments.fault or FAULTS
     with BUGS[arguments.bug].plant() if arguments.bug else nullcontext():
         if arguments.seed is not None:
-            outcome, _ = tried(arguments.seed, faults, calm)
+            outcome, _ = tried(arguments.seed, faults, calm, outage=arguments.outage)
             print("\n".join(outcome.trace), *outcome.violations, sep="\n")
             return int(bool(outcome.violations))
         seeds = range(arguments.first, arguments.first + arguments.schedules)
         with multiprocessing.get_context("fork").Pool(arguments.processes) as pool:
-            outcomes = pool.imap(partial(tried, faults=faults, calm=calm), seeds)
-            options = " ".join(f"--fault '{fault}'" for fault in arguments.fault or ())
+            outcomes = pool.imap(partial(tried, faults=faults, calm=calm, outage=arguments.outage), seeds)
+            options = " ".join(
+                [f"--fault '{fault}'" for fault in arguments.fault or ()] + ["--outage"] * arguments.outage
+            )
             violated = many(zip(seeds, outcomes, strict=True), calm, options)
     missed = [name for name in BUGS if arguments.prove and not found(name, calm)]
     return int(violated or bool(missed))
@@ -64,10 +69,15 @@ def judged(outcome: Outcome, calm: Outcome) -> Outcome:
     return replace(outcome, violations=(text,))
 
 
-def tried(seed: int, faults: Sequence[str], calm: Outcome) -> tuple[Outcome, float]:
-    """Return the judged outcome of a seed, and the CPU seconds that it took."""
+def tried(seed: int, faults: Sequence[str], calm: Outcome, *, outage: bool) -> tuple[Outcome, float]:
+    """Return the judged outcome of a seed, and the CPU seconds that it took; after an outage, rendering must go on in time."""
     started = time.process_time()
-    return judged(run_schedule(seed, faults), calm), time.process_time() - started
+    run = Simulation(seed, (), planned=OUTAGE).run() if outage else run_schedule(seed, faults)
+    outcome = judged(run, calm)
+    if outage and not outcome.violations and (outcome.first is None or outcome.first > AFTER_OUTAGE):
+        text = f"nothing was rendered in time after the outage: {outcome.first} s"
+        outcome = replace(outcome, violations=(text,))
+    return outcome, time.process_time() - started
 
 
 def many(tries: Iterable[tuple[int, tuple[Outcome, float]]], calm: Outcome, options: str) -> bool:
@@ -87,7 +97,8 @@ def many(tries: Iterable[tuple[int, tuple[Outcome, float]]], calm: Outcome, opti
         f"{len(outcomes)} schedules of {calm.products} products, {felt} of {drawn} faults felt "
         f"(at least {min(each.felt for each in outcomes.values())} in each), "
         f"{sum(each.steps for each in outcomes.values())} steps, {seconds:.1f} CPU-s: {failed} failed; "
-        f"longest standstill {outcomes[worst].standstill:.1f} s (seed {worst})"
+        f"longest standstill {outcomes[worst].standstill:.1f} s (seed {worst}), "
+        f"longest wait for a rendered product {max(each.first or 0.0 for each in outcomes.values()):.1f} s"
     )
     return failed > 0
 

@@ -6,8 +6,16 @@ import subprocess
 import sys
 
 
-def test_no_schedule_violates_an_invariant_and_every_planted_bug_is_found() -> None:
+def run(*arguments: str) -> None:
     # In a process of its own with a fixed order of sets, so that failures are reproducible.
-    command = [sys.executable, "-m", "tests.simulation", "--schedules", "500", "--processes", "2", "--prove"]
+    command = [sys.executable, "-m", "tests.simulation", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_schedule_violates_an_invariant_and_every_planted_bug_is_found() -> None:
+    run("--schedules", "500", "--processes", "2", "--prove")
+
+
+def test_small_runs_render_again_soon_after_an_outage() -> None:
+    run("--outage", "--schedules", "10")

@@ -58,6 +58,17 @@ FAULTS = (
     "cancel and resume",
     "retry",
 )
+STORM = "storm of cancel, resume, retry"
+#: Faults that leave no render worker to two small runs, with their times.
+OUTAGE = (
+    (0.5, "freeze render-1"),
+    (1.0, "kill render-2"),
+    (1.5, "restart broker"),
+    (2.0, STORM),
+)
+#: Time limit until a product is rendered after an outage, seconds.
+AFTER_OUTAGE = LEASE
+_STORM_SECONDS = 3.0
 _MOVES = {
     "waiting": {"ready", "failed"},
     "ready": {"running", "failed"},
@@ -68,7 +79,7 @@ _MOVES = {
 }
 _WATCH = """
 CREATE TRIGGER moved AFTER UPDATE OF state ON products WHEN OLD.state <> NEW.state BEGIN
-  SELECT moved(NEW.digest, OLD.state, NEW.state, OLD.lease_owner, OLD.lease_until); END;
+  SELECT moved(NEW.digest, OLD.state, NEW.state, OLD.lease_owner, OLD.lease_until, NEW.route); END;
 CREATE TRIGGER tried AFTER UPDATE OF attempts ON products BEGIN SELECT tried(NEW.digest, NEW.attempts); END;
 CREATE TRIGGER viewed AFTER INSERT ON person_views BEGIN SELECT viewed(NEW.truth, NEW.pixel_area); END;
 CREATE TRIGGER scored AFTER INSERT ON person_scores BEGIN SELECT viewed(NEW.digest, NEW.tp); END;
@@ -97,6 +108,8 @@ class Outcome:
         drawn, felt: numbers of faults, and of those that had an effect.
         steps, seconds: number of steps, and the virtual time until all runs ended.
         standstill: longest time without progress of any product after the last disturbance, seconds.
+        first: from the end of the last fault, though a process may still be frozen, until the next product was
+            rendered, seconds; None if none was left.
         products: number of products.
         trace: log of all steps and faults.
     """
@@ -108,6 +121,7 @@ class Outcome:
     steps: int
     seconds: float
     standstill: float
+    first: float | None
     products: int
     trace: tuple[str, ...]
 
@@ -175,7 +189,9 @@ def run_schedule(seed: int, faults: Sequence[str] = FAULTS) -> Outcome:
 class Simulation:
     """See `tests.simulation`."""
 
-    def __init__(self, seed: int | str, faults: Sequence[str] = FAULTS) -> None:
+    def __init__(
+        self, seed: int | str, faults: Sequence[str] = FAULTS, *, planned: Sequence[tuple[float, str]] = ()
+    ) -> None:
         deployment = _deployment()
         self._runs = deployment.runs
         self._schedule = Schedule(seed, self._check)
@@ -184,12 +200,15 @@ class Simulation:
         self._queues = Queues(self._schedule, self._weather)
         self._store = Store(self._schedule, self._weather)
         self._violations: list[str] = []
-        self._moved_at = self._disturbed_at = self._standstill = 0.0
+        self._moved_at = self._standstill = 0.0
+        self._disturbed_at = self._ended_at = max((moment for moment, _ in planned), default=0.0)
+        self._first: float | None = None
+        self._planned = planned
         self._kinds, self._count = faults, 0
         self._faults: list[Fault] = []
         self._acts: dict[str, Fault] = {}
         self._sql = raw = deployment.restart(self._schedule)
-        raw.create_function("moved", 5, self._moved)
+        raw.create_function("moved", 6, self._moved)
         raw.create_function("tried", 2, self._tried)
         raw.create_function("viewed", 2, self._viewed)
         self._base = replace(
@@ -217,6 +236,8 @@ class Simulation:
             ("eval-2", self._worker("eval")),
         ):  # fmt: skip
             schedule.at(0.0, lambda name=name, body=body: self._start(name, body))  # type: ignore[misc]
+        for moment, name in self._planned:
+            schedule.at(moment, lambda name=name: self._happen(name))  # type: ignore[misc]
         schedule.at(self._random.expovariate(1 / PAUSE), self._draw)
         schedule.at(5.0, self._look)
         schedule.run(self._over)
@@ -224,7 +245,7 @@ class Simulation:
         products = self._sql.execute("SELECT count(*) FROM products").fetchone()[0]
         return Outcome(
             tuple(self._violations), digest, len(self._faults), self._felt(), schedule.steps, schedule.now,
-            self._standstill, products, tuple(schedule.trace),
+            self._standstill, self._first, products, tuple(schedule.trace),
         )  # fmt: skip
 
     # -- processes -------------------------------------------------------------------------------------------------------
@@ -292,12 +313,19 @@ class Simulation:
         """Let faults happen until enough of them were felt."""
         if self._felt() >= self._count or self._schedule.now > LAST_FAULT:
             return
-        fault = Fault(self._random.choice(self._kinds))
-        self._faults.append(fault)
-        self._disturb(fault)
+        self._happen(self._random.choice(self._kinds))
         self._schedule.at(self._schedule.now + self._random.expovariate(1 / PAUSE), self._draw)
 
-    def _disturb(self, fault: Fault) -> None:
+    def _happen(self, name: str) -> None:
+        fault = Fault(name)
+        self._faults.append(fault)
+        over = self._disturb(fault)
+        self._disturbed_at = max(self._disturbed_at, over)
+        if not name.startswith("freeze"):
+            self._ended_at = max(self._ended_at, over)
+
+    def _disturb(self, fault: Fault) -> float:
+        """Begin a fault, and return when it is over."""
         schedule, random, weather = self._schedule, self._random, self._weather
         schedule.note(f"fault: {fault.name}")
         until = schedule.now + random.uniform(1.0, 8.0)
@@ -329,10 +357,23 @@ class Simulation:
                 over = schedule.now + after
                 self._user("cancel", lambda context: lifecycle.cancel(context, run_id), fault)
                 schedule.at(over, lambda: self._user("resume", lambda context: lifecycle.resume(context, run_id)))
+            case "storm", *_:
+                over = schedule.now + _STORM_SECONDS
+                for run_id in self._runs:
+                    for _ in range(20):
+                        action = random.choice((lifecycle.cancel, lifecycle.resume, lifecycle.retry))
+                        self._later(random.uniform(0.0, _STORM_SECONDS), action, run_id)
+                    self._later(_STORM_SECONDS, lifecycle.resume, run_id)
             case ("retry",):
                 run_id = random.choice(self._runs)
                 self._user("retry", lambda context: lifecycle.retry(context, run_id), fault)
-        self._disturbed_at = max(self._disturbed_at, over)
+        return over
+
+    def _later(self, seconds: float, action: Callable[[Context, str], None], run_id: str) -> None:
+        def act() -> None:
+            self._user(f"{action.__name__} {run_id}", lambda context: action(context, run_id))
+
+        self._schedule.at(self._schedule.now + seconds, act)
 
     def _works(self, name: str) -> bool:
         """Return whether a process serves a message or has the role of the control loop."""
@@ -342,7 +383,8 @@ class Simulation:
         )
 
     def _any(self, kind: str) -> str:
-        names = [name for name in self._processes if (name.startswith("control")) == (kind == "control")]
+        workers = [name for name in self._processes if not name.startswith("control")]
+        names = workers if kind == "worker" else [name for name in self._processes if name.startswith(kind)]
         busy = [name for name in names if self._processes[name][0] in self._held]
         return self._random.choice(sorted(busy or names))
 
@@ -391,7 +433,7 @@ class Simulation:
         self._schedule.note(f"VIOLATION: {text}")
         self._violations.append(text)
 
-    def _moved(self, digest: str, old: str, new: str, owner: str | None, until: float | None) -> None:
+    def _moved(self, digest: str, old: str, new: str, owner: str | None, until: float | None, route: str) -> None:
         try:
             process = self._schedule.process
             actor = process.name if process else "nobody"
@@ -401,6 +443,9 @@ class Simulation:
                 self._violation(f"product {digest[:6]} went from {old} to {new} by {actor}")
             if old == "running" and owner != actor and (new == "done" or (until or 0.0) >= self._schedule.clock()):
                 self._violation(f"{actor} moved product {digest[:6]} to {new}, which {owner} holds")
+            rendered = new == "done" and route.startswith("render")
+            if rendered and self._first is None and self._schedule.now > self._ended_at:
+                self._first = self._schedule.now - self._ended_at
             if new in ("done", "failed", "ready", "running"):
                 # Counts only after the last disturbance, and not after the last product.
                 gap = self._schedule.now - max(self._moved_at, self._disturbed_at)

@@ -92,11 +92,15 @@ class PostgresServer:
         except subprocess.TimeoutExpired:
             self.kill()
 
+    def processes(self) -> list[psutil.Process]:
+        """Return its processes, the one that starts the others first."""
+        parent = psutil.Process(self._process.pid)
+        return [parent, *parent.children(recursive=True)]
+
     def kill(self) -> None:
         """Kill -9 of all its processes."""
         with suppress(psutil.NoSuchProcess):
-            parent = psutil.Process(self._process.pid)
-            kill([parent, *parent.children(recursive=True)])
+            kill(self.processes())
         self._process.wait()
 
     def _started(self) -> subprocess.Popen[bytes]:

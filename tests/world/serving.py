@@ -12,11 +12,17 @@ import httpx
 import uvicorn
 from starlette.types import ASGIApp
 
-from services.api.connections import HEAD_SECONDS, Connection
+from services.api.connections import HEAD_SECONDS, Connection, limited
 
 
 @contextmanager
-def served(app: ASGIApp, *, token: str | None = None, head_seconds: int = HEAD_SECONDS) -> Iterator[httpx.Client]:
+def served(
+    app: ASGIApp,
+    *,
+    token: str | None = None,
+    head_seconds: int = HEAD_SECONDS,
+    unread_seconds: float = Connection.unread_seconds,
+) -> Iterator[httpx.Client]:
     """A client of the application; start-up errors are raised here."""
     # asyncio sends small segments at once only on sockets that name their protocol, as uvicorn's own do.
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -25,7 +31,7 @@ def served(app: ASGIApp, *, token: str | None = None, head_seconds: int = HEAD_S
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            http=Connection,
+            http=limited(unread_seconds),
             proxy_headers=False,
             timeout_keep_alive=head_seconds,
             log_config=None,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valerie.cli.registering import import_file, open_registry, register_file
-from valerie.cli.shell import AsJson, DataDir, InferenceThreads, Url, say, write_output
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, Url, recorded, say, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
@@ -146,7 +146,7 @@ def quantize(
     from valerie.pipeline.retraining.quantization import quantize_function
 
     lines = ProgressLines("frames")
-    with context_of(data_dir) as deployment:
+    with context_of(data_dir) as deployment, recorded(deployment, f"function quantize {function}"):
         model = quantize_function(
             deployment,
             run,

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import os
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import AsJson, DataDir, Exit
+from valerie.access import COMMAND
+from valerie.cli.shell import AsJson, DataDir, Exit, recorded
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.local.deployment import context_of, create_or_migrate, folder_context, settings_of
 from valerie.local.terminal import console
@@ -119,7 +120,8 @@ def gc(
     with context_of(data_dir) as context:
         from valerie.pipeline.control.gc import collect
 
-        space = collect(context, dry_run=dry_run)
+        with nullcontext() if dry_run else recorded(context, "gc"):
+            space = collect(context, dry_run=dry_run)
     if as_json:
         typer.echo(json.dumps({"products": space.products, "objects": space.objects, "bytes": space.bytes}))
         return
@@ -202,11 +204,13 @@ def archive(
     with context_of(data_dir) as context:
         for run in runs or archiving.ended_runs(context, days=older_than or 0):
             if undo:
-                archiving.restore_rows(context, run)
+                with recorded(context, f"archive --undo {run}"):
+                    archiving.restore_rows(context, run)
                 typer.echo(f"run {run} is not archived")
                 continue
             try:
-                tables = archiving.archive_run(context, run).tables.values()
+                with recorded(context, f"archive {run}"):
+                    tables = archiving.archive_run(context, run).tables.values()
             except Conflict as error:
                 if runs:
                     raise
@@ -217,7 +221,7 @@ def archive(
 
 
 def audit(as_json: AsJson = False, data_dir: DataDir = None) -> None:
-    """Print the audit log of the API: who asked for which change, when, and the status of the answer.
+    """Print the audit log of the API: who asked for which change, when, and the status of the answer, or a command's exit code.
 
     Nobody can change or delete its rows. With `--json`, each line is one row.
     """
@@ -231,7 +235,7 @@ def audit(as_json: AsJson = False, data_dir: DataDir = None) -> None:
                 document = {"number": number, **asdict(entry), "at": entry.at.isoformat()}
                 typer.echo(json.dumps(document, ensure_ascii=False))
                 continue
-            who = entry.caller or "nobody"
+            who = (entry.owner if entry.caller == COMMAND else entry.caller) or "nobody"
             outcome = "…" if entry.status is None else entry.status
             more = f" ({entry.left_out:,} refusals before it were left out)" if entry.left_out else ""
             typer.echo(
@@ -268,7 +272,8 @@ def copy(
             assert to is not None
             first = stack.enter_context(context_of(data_dir))
             second = stack.enter_context(folder_context(to, create=True))
-        copy = copy_run(first, second, run, progress=lines.tell)
+        with recorded(second, f"copy {run}"):
+            copy = copy_run(first, second, run, progress=lines.tell)
     if as_json:
         typer.echo(copy.model_dump_json())
     else:

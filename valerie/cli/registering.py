@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final, Protocol
 
-from valerie.cli.shell import say
+from valerie.cli.shell import recorded, say
 from valerie.errors import InvalidInput, NotFound
 from valerie.local.terminal import command_name
 
@@ -81,7 +81,8 @@ class _Local:
     def remove_function(self, reference: str) -> None:
         from valerie.pipeline.functions.registry import remove
 
-        remove(self._context, reference)
+        with recorded(self._context, f"function remove {reference}"):
+            remove(self._context, reference)
 
     def register_function(self, texts: dict[str, str], payload: Path | None, folder: Path) -> RegisteredFunction:
         from valerie.client import RegisteredFunction
@@ -95,7 +96,8 @@ class _Local:
             folder,
             self._context.settings,
         )
-        registered, new = register(self._context, imported.document, imported.payload)
+        with recorded(self._context, f"function import {imported.document.name}"):
+            registered, new = register(self._context, imported.document, imported.payload)
         function = _as_server_shows(registered_function(self._context, registered, imported.trial))
         return RegisteredFunction(function, new)
 

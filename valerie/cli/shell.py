@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import io
 import os
+import pwd
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from pathlib import Path
-from typing import Annotated, ClassVar, NoReturn, TextIO
+from typing import TYPE_CHECKING, Annotated, ClassVar, NoReturn, TextIO
 
 import typer
 
 from valerie.errors import InvalidInput, NotFound, StorageUnavailable, ValerieError
 from valerie.local.terminal import command_name, console
+
+if TYPE_CHECKING:
+    from valerie.pipeline.base.context import Context
 
 
 class Exit(IntEnum):
@@ -61,6 +65,41 @@ def say(text: str = "") -> None:
     """Print a line for people to standard error, since standard output is for results."""
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
+
+
+@contextmanager
+def recorded(context: Context, change: str) -> Iterator[None]:
+    """Write a row of the audit log before a change that a command makes to the database directly, and one with its exit code.
+
+    Args:
+        context: the deployment.
+        change: the command with the name of what it changes, without secrets.
+    """
+    from secrets import token_hex
+
+    from valerie.access import COMMAND
+    from valerie.db import audit
+    from valerie.db.engine import database_moment, writing
+
+    mark = token_hex(8)
+    try:
+        user = pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:  # in a container, a user may have only a number
+        user = f"uid {os.getuid()}"
+
+    def append(status: int | None) -> None:
+        with writing(context.engine) as connection:
+            at, host = database_moment(connection), os.uname().nodename[:64]
+            path = f"valerie {change}"[:1000]
+            audit.append(connection, audit.Entry(mark, at, COMMAND, user[:200], None, host, COMMAND, path, status))
+
+    append(None)
+    try:
+        yield
+    except ValerieError as error:
+        append(exit_code_of(error))
+        raise
+    append(Exit.OK)
 
 
 def exit_code_of(error: ValerieError) -> Exit:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli.shell import AsJson, DataDir, Url, say
+from valerie.cli.shell import AsJson, DataDir, Url, recorded, say
 from valerie.local.deployment import context_of
 
 app = typer.Typer(no_args_is_help=True, help="Manage tokens of the API, each with an owner and a role.")
@@ -46,7 +46,7 @@ def create(
         )
     except ValidationError as error:
         raise problems_of(error) from None
-    with context_of(data_dir) as context:
+    with context_of(data_dir) as context, recorded(context, f"token create {name}"):
         _, secret = issue(context, request)
     typer.echo(secret)
 
@@ -78,7 +78,7 @@ def revoke(name: _Name, data_dir: DataDir = None) -> None:
     """Revoke a token at once."""
     from valerie.pipeline.control.tokens import revoke as revoke_token
 
-    with context_of(data_dir) as context:
+    with context_of(data_dir) as context, recorded(context, f"token revoke {name}"):
         revoke_token(context, name)
     typer.echo(f"revoked: {name}")
 

@@ -12,7 +12,7 @@ import typer
 
 from valerie.cli import training_sets
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, InferenceThreads, say
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, recorded, say
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of, settings_of
 from valerie.local.terminal import command_name, console
@@ -181,7 +181,8 @@ def train(
             resources=TrainingResources(processes, threads),
             watcher=Watcher(say_site, Steps()),
         )
-        registered, new = register_retrained(deployment, retrained, name)
+        with recorded(deployment, f"train {name}"):
+            registered, new = register_retrained(deployment, retrained, name)
     _say_retrained(retrained, folder)
     say(f"{'registered' if new else 'registered already'} as {registered.reference}; a spec that shows both:")
     say(f"functions: [{weakness.reference}, {registered.reference}]")

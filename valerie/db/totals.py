@@ -78,6 +78,13 @@ class FailureReason(NamedTuple):
     latest: float
 
 
+class NewestCosts(NamedTuple):
+    """CPU seconds of the newest finished products of one kind."""
+
+    kind: ProductKind
+    cpu_seconds: list[float]
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedCost:
     """Means over ``count`` finished products of one kind, route and size.
@@ -165,6 +172,21 @@ def costs_since(connection: Connection, since: int, width: int) -> list[CostBin]
         .order_by(Product.kind, number)
     )
     return [CostBin(kind, int(span), count, float(seconds or 0.0)) for kind, span, count, seconds in rows]
+
+
+def newest_costs(connection: Connection, *, newest: int) -> list[NewestCosts]:
+    """Return the CPU seconds of the ``newest`` finished products of each kind that has any, read from an index."""
+    costs = []
+    for kind in ProductKind:
+        query = (
+            select(Product.cpu_seconds)
+            .where(ENDED, Product.kind == kind, Product.state == ProductState.DONE, Product.cpu_seconds.is_not(None))
+            .order_by(Product.finished_at.desc())
+            .limit(newest)
+        )
+        if seconds := [float(value) for value in connection.scalars(query) if value is not None]:
+            costs.append(NewestCosts(kind, seconds))
+    return costs
 
 
 def _done_after(since: float) -> tuple[ColumnElement[bool], ...]:

@@ -91,11 +91,13 @@ class AuditRead(Read):
     number: int = Field(description="counts up; rows are never changed or deleted", examples=[17])
     request: str = Field(description="the same before and after", examples=["5f0c3a9be1d24c77"])
     at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
-    caller: str | None = Field(description="name of the token; null without a valid one", examples=["nightly"])
+    caller: str | None = Field(
+        description="name of the token, or COMMAND; null without a valid one", examples=["nightly"]
+    )
     owner: str | None = Field(examples=["Ada Lovelace"])
     role: Role | None = Field(examples=["runner"])
     address: str = Field(examples=["127.0.0.1"])
     method: str = Field(examples=["DELETE"])
     path: str = Field(examples=["/v1/runs/0abc"])
-    status: int | None = Field(description="of the answer", examples=[204])
+    status: int | None = Field(description="of the answer; the exit code of a command", examples=[204])
     left_out: int = Field(description="refusals before this one that were too many to be kept", examples=[0])

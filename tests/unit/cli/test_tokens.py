@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import socket
+import subprocess
 from pathlib import Path
 
 import httpx
@@ -16,7 +18,7 @@ from tests.world.world import settings_of
 from valerie.cli.main import app
 from valerie.db.engine import open_database
 from valerie.db.migrate import migrate
-from valerie.errors import InvalidInput
+from valerie.errors import InvalidInput, NotFound
 
 
 @pytest.fixture
@@ -50,6 +52,30 @@ def test_tokens_are_listed_without_their_secrets(folder: Path) -> None:
     listed = call(folder, "list", "--json")
     assert json.loads(listed)["owner"] == "Ada Lovelace"
     assert secret.removeprefix("valerie_") not in shown + listed
+
+
+def test_commands_that_change_tokens_leave_rows_of_the_systems_user_and_host(folder: Path) -> None:
+    secret = call(folder, "create", "nightly", "--owner", "Ada")
+    call(folder, "list")
+    with pytest.raises(NotFound):
+        CliRunner().invoke(app, ["token", "revoke", "no", "--data-dir", str(folder)], catch_exceptions=False)
+    call(folder, "revoke", "nightly")
+    log = CliRunner().invoke(app, ["audit", "--json", "--data-dir", str(folder)]).stdout
+    rows = [json.loads(line) for line in log.splitlines()]
+    assert [(row["path"], row["status"]) for row in rows] == [
+        ("valerie token create nightly", None),
+        ("valerie token create nightly", 0),
+        ("valerie token revoke no", None),
+        ("valerie token revoke no", 2),
+        ("valerie token revoke nightly", None),
+        ("valerie token revoke nightly", 0),
+    ]
+    actors = {(row["caller"], row["owner"], row["address"], row["role"]) for row in rows}
+    user = subprocess.run(["id", "--user", "--name"], capture_output=True, text=True, check=True).stdout.strip()
+    assert actors == {("COMMAND", user, socket.gethostname(), None)}
+    assert secret.removeprefix("valerie_") not in log
+    shown = CliRunner().invoke(app, ["audit", "--data-dir", str(folder)]).stdout
+    assert f"{user} from {socket.gethostname()}: COMMAND valerie token create nightly" in shown
 
 
 def test_an_unknown_role_is_refused_by_name(folder: Path) -> None:

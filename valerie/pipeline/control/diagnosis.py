@@ -125,6 +125,13 @@ def _control(context: Context) -> Iterator[Check]:
 
 
 def _workers(context: Context) -> Iterator[Check]:
+    for worker in monitoring.workers(context):
+        if worker.resting is not None:
+            yield Check(
+                f"worker {worker.id}",
+                problem=f"put aside, since its last products failed and so does the test of {worker.host}: {worker.resting}",
+                remedy="mend what the reason names; it tests again every minute, and then works on",
+            )
     queues = monitoring.queues(context)
     with reading(context.engine) as connection:
         failures = totals.failure_reasons(connection)

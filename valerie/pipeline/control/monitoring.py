@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Future, wait
@@ -10,7 +11,8 @@ from threading import Lock, Thread
 from typing import Any, Final, NamedTuple, TypeVar
 
 from prometheus_client import CollectorRegistry, generate_latest
-from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.core import CounterMetricFamily, GaugeHistogramMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.utils import floatToGoString
 from sqlalchemy import Connection, text
 
 from valerie import plugins
@@ -37,6 +39,10 @@ CHECK_SECONDS = 5.0
 _RATE_SECONDS: Final = 120.0
 #: Spans of time in which costs are shown.
 _SPANS: Final = 60
+#: Most products of a kind, and most failures, that one scrape reads.
+_NEWEST: Final = 1_000
+#: Upper bounds of the histogram of costs, CPU seconds.
+_COST_BOUNDS: Final = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, math.inf)
 #: Questions that still wait for an answer, by deployment and name.
 _waiting: dict[tuple[int, str], Future[Any]] = {}
 _asking = Lock()
@@ -358,7 +364,20 @@ def _product_metrics(connection: Connection) -> list[Metric]:
         done.add_metric([kind], done_count)
         failed.add_metric([kind], failed_count)
         cpu.add_metric([kind], seconds)
-    return [backlog, done, failed, cpu]
+    costs = GaugeHistogramMetricFamily(
+        "valerie_product_cpu_seconds", f"CPU seconds of the newest {_NEWEST:,} products of a kind", labels=["kind"]
+    )
+    for kind, values in totals.newest_costs(connection, newest=_NEWEST):
+        counts = [(floatToGoString(bound), sum(value <= bound for value in values)) for bound in _COST_BOUNDS]
+        costs.add_metric([kind], counts, sum(values))
+    reasons = GaugeMetricFamily(
+        "valerie_failure_reasons",
+        f"Products that failed for good, of the newest {_NEWEST:,} failures",
+        labels=["kind", "error"],
+    )
+    for reason in totals.failure_reasons(connection, newest=_NEWEST):
+        reasons.add_metric([reason.kind, reason.type], reason.products)
+    return [backlog, done, failed, cpu, costs, reasons]
 
 
 def _worker_metrics(connection: Connection) -> list[Metric]:

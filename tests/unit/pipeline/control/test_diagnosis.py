@@ -7,7 +7,8 @@ from collections.abc import Callable
 from sqlalchemy import delete, update
 
 from tests.world.blank import SMALL, Pipeline
-from valerie.db.engine import writing
+from valerie.db import processes
+from valerie.db.engine import database_time, writing
 from valerie.db.models import Product, Worker
 from valerie.pipeline.control.diagnosis import diagnose
 from valerie.runs.products.ready import Fault
@@ -43,6 +44,19 @@ def test_a_queue_that_nobody_serves_is_named(pipeline: Pipeline) -> None:
         connection.execute(delete(Worker))
     (name,) = [part for part in problems(pipeline) if part.startswith("queue render.blank")]
     assert "no worker serves this queue" in problems(pipeline)[name]
+
+
+def test_a_worker_that_was_put_aside_is_named_with_its_reason_until_it_works_again(pipeline: Pipeline) -> None:
+    pipeline.loop.tick(everything=True)
+    with writing(pipeline.context.engine) as connection:
+        (worker,) = processes.workers(connection, now=database_time(connection))
+        processes.rest(connection, worker.id, "no driver opens the card")
+    found = problems(pipeline)
+    assert "no driver opens the card" in found[f"worker {worker.id}"]
+    assert worker.host in found[f"worker {worker.id}"]
+    with writing(pipeline.context.engine) as connection:
+        processes.rest(connection, worker.id, None)
+    assert f"worker {worker.id}" not in problems(pipeline)
 
 
 def test_products_that_failed_for_good_are_named_with_their_reason(pipeline: Pipeline) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import re
 import socket
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,8 +14,9 @@ import httpx
 import pytest
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
+from starlette.types import Receive, Scope, Send
 
 from services.api import protection
 from services.api.app import create_app
@@ -232,6 +235,51 @@ def test_an_answer_may_take_longer_than_a_request() -> None:
 
     with served(Starlette(routes=[Route("/", late)]), head_seconds=1) as client:
         assert client.get("/").text == "late"
+
+
+class LargeAnswer(Response):
+    """Sends ``size`` bytes, more than the kernel holds, and notes when the client has gone."""
+
+    def __init__(self, size: int, gone: threading.Event) -> None:
+        super().__init__()
+        self._size, self._gone = size, gone
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = [(b"content-length", str(self._size).encode())]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        await send({"type": "http.response.body", "body": bytes(self._size), "more_body": True})
+        while (await receive())["type"] != "http.disconnect":
+            continue
+        self._gone.set()
+
+
+def test_a_client_that_never_reads_its_answer_loses_the_connection() -> None:
+    gone = threading.Event()
+    routes = [
+        Route("/", lambda _request: LargeAnswer(1 << 25, gone)),
+        Route("/small", lambda _: PlainTextResponse("-")),
+    ]
+    with served(Starlette(routes=routes), unread_seconds=1.0) as client:
+        with socket.create_connection((client.base_url.host, client.base_url.port or 80)) as end:
+            end.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert gone.wait(60)
+        assert client.get("/small").text == "-"
+
+
+def test_a_client_that_reads_slowly_has_the_whole_answer() -> None:
+    size, gone = 1 << 23, threading.Event()
+    with (
+        served(Starlette(routes=[Route("/", lambda _request: LargeAnswer(size, gone))]), unread_seconds=3.0) as client,
+        socket.socket() as end,
+    ):
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+        end.connect((client.base_url.host, client.base_url.port or 80))
+        end.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        taken = 0
+        while taken < size and (data := end.recv(1 << 18)):  # in more than the limit
+            taken += len(data)
+            time.sleep(0.05)
+    assert taken >= size
 
 
 def test_a_database_that_does_not_answer_is_said_when_it_should_know_the_token(
