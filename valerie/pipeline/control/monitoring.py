@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Future, wait
@@ -12,7 +11,6 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeHistogramMetricFamily, GaugeMetricFamily, Metric
-from prometheus_client.utils import floatToGoString
 from sqlalchemy import Connection, text
 
 from valerie import plugins
@@ -41,8 +39,10 @@ _RATE_SECONDS: Final = 120.0
 _SPANS: Final = 60
 #: Most products of a kind, and most failures, that one scrape reads.
 _NEWEST: Final = 1_000
-#: Upper bounds of the histogram of costs, CPU seconds.
-_COST_BOUNDS: Final = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, math.inf)
+#: Upper bounds of the histogram of costs, CPU seconds, as Prometheus writes them.
+_COST_BOUNDS: Final = (
+    "0.01", "0.03", "0.1", "0.3", "1.0", "3.0", "10.0", "30.0", "100.0", "300.0", "1000.0", "+Inf"
+)  # fmt: skip
 #: Questions that still wait for an answer, by deployment and name.
 _waiting: dict[tuple[int, str], Future[Any]] = {}
 _asking = Lock()
@@ -368,7 +368,7 @@ def _product_metrics(connection: Connection) -> list[Metric]:
         "valerie_product_cpu_seconds", f"CPU seconds of the newest {_NEWEST:,} products of a kind", labels=["kind"]
     )
     for kind, values in totals.newest_costs(connection, newest=_NEWEST):
-        counts = [(floatToGoString(bound), sum(value <= bound for value in values)) for bound in _COST_BOUNDS]
+        counts = [(bound, sum(value <= float(bound) for value in values)) for bound in _COST_BOUNDS]
         costs.add_metric([kind], counts, sum(values))
     reasons = GaugeMetricFamily(
         "valerie_failure_reasons",
