@@ -22,6 +22,8 @@ GRANT USAGE ON SCHEMA public TO valerie_worker;
 GRANT SELECT ON alembic_version, runs, variants, products, frames, evaluations, frame_annotations, functions,
   person_views, person_lights, pictures, scores, person_scores TO valerie_worker;
 GRANT SELECT, INSERT, UPDATE, DELETE ON workers TO valerie_worker;
+GRANT SELECT, INSERT, DELETE ON specimens TO valerie_worker;
+GRANT SELECT, INSERT, UPDATE ON owner_turns TO valerie_worker;
 GRANT UPDATE ON products TO valerie_worker;
 GRANT UPDATE (state, reason) ON runs TO valerie_worker;  -- a full store pauses runs
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Final
 
@@ -41,9 +40,8 @@ from services.api.routers import (
 )
 from services.api.scopes import require_scope
 from valerie import plugins
-from valerie.db.engine import open_database
 from valerie.db.migrate import migrate
-from valerie.pipeline.base.context import open_context
+from valerie.pipeline.base.context import hurried, open_context
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.preview import Previews
 from valerie.pipeline.exploring.class_confusion import Confusions
@@ -87,8 +85,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
             log.warning("api.plugins", reason=notice)
         loop = ControlLoop(context) if control else None
         app.state.patient, app.state.control = context, loop
-        quick = min(_READ_SECONDS, settings.database_seconds)
-        app.state.context = replace(context, engine=open_database(settings.database_url, seconds=quick))
+        app.state.context = hurried(context, min(_READ_SECONDS, settings.database_seconds))
         app.state.explorations, app.state.tiles = Explorations(context), Tiles(context)
         app.state.confusions, app.state.pixels = Confusions(context), Pixels(context)
         app.state.identity_provider = IdentityProvider(settings) if settings.oidc_issuer else None

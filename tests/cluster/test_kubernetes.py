@@ -24,6 +24,7 @@ from valerie.db.migrate import migrate
 from valerie.pipeline.control.monitoring import Demand
 from valerie.pipeline.work.workers import Presence
 from valerie.plugins import RENDERERS
+from valerie.runs.products.pins import Probed
 from valerie.runs.products.states import Stage
 from valerie.settings import load_settings
 
@@ -247,7 +248,7 @@ def test_a_worker_without_signs_of_life_is_found_by_its_probes(objects: Objects,
         return subprocess.run(command, check=False, capture_output=True).returncode == 0
 
     assert not alive()
-    presence = Presence(settings, Stage.RENDER, [])
+    presence = Presence(settings, Stage.RENDER, Probed(offers=()))
     presence.join()
     assert alive()
     presence.leave()

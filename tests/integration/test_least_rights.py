@@ -26,11 +26,13 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.fitness import Fitness
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.functions.probe import probe_engine, probe_function
+from valerie.pipeline.functions.specimen_making import Specimens
 from valerie.pipeline.work.asking import ask_for_work
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.workers import Presence
+from valerie.runs.products.pins import Probed
 from valerie.runs.products.states import EVAL_QUEUE, ProductKind, Stage
 from valerie.storage import open_store
 from valerie.storage.keys import function_key, product_key, run_key
@@ -112,14 +114,19 @@ def deployment(
             connection.execute((ROOT / "deploy" / "postgres" / "roles.sql").read_bytes())
         for stage in Stage:
             connection.execute(f"ALTER ROLE valerie_{stage} PASSWORD 'secret'".encode())
-    offers = {Stage.RENDER: probe_engine("blank"), Stage.INFER: probe_function("blank"), Stage.EVAL: []}
+    specimens: Specimens = {}
+    offers = {
+        Stage.RENDER: probe_engine("blank", specimens),
+        Stage.INFER: probe_function("blank", specimens),
+        Stage.EVAL: [],
+    }
     makers = {Stage.RENDER: RenderMaker, Stage.INFER: InferMaker, Stage.EVAL: EvaluateMaker}
     contexts, presences = {}, []
     for stage in Stage:
         account = url.set(username=f"valerie_{stage}", password="secret").render_as_string(hide_password=False)
         changes = {"database_url": account, "data_dir": folder / stage, "worker_idle_seconds": 0.0}
         settings = pipeline.settings.model_copy(update=changes)
-        presences.append(Presence(settings, stage, offers[stage]))
+        presences.append(Presence(settings, stage, Probed(offers=tuple(offers[stage]), specimens=specimens)))
         presences[-1].join()
         opened = presences[-1].open_context(settings, Fitness.counts())
         contexts[stage] = replace(opened, store=stores[stage], broker=pipeline.context.broker)

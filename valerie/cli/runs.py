@@ -34,7 +34,6 @@ from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
-from valerie.runs.moments import in_utc
 from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
@@ -156,6 +155,8 @@ class _Urgency:
         if self.deadline is None:
             return None
         try:
+            from valerie.runs.moments import in_utc
+
             return in_utc(datetime.fromisoformat(self.deadline))
         except ValueError:
             limit = "ISO 8601, such as 2026-12-01T06:00Z"

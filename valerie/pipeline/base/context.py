@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from sqlalchemy import Engine
 
@@ -88,6 +88,13 @@ def open_context(settings: Settings) -> Context:
         owner=owner,
         traces=open_traces(settings, owner),
     )
+
+
+def hurried(context: Context, seconds: float) -> Context:
+    """Return the context with an engine of its own, whose statements end after a time on Postgres."""
+    engine = open_database(context.settings.database_url, seconds=seconds)
+    engine.update_execution_options(**{ARCHIVES: context.engine.get_execution_options()[ARCHIVES]})
+    return replace(context, engine=engine)
 
 
 def process_name() -> str:

@@ -220,7 +220,7 @@ def test_a_caller_learns_what_its_role_may_not_do(guarded: Guarded) -> None:
         for role in ("viewer", "runner", "admin")
     }
     assert {role: answer["role"] for role, answer in answers.items()} == {role: role for role in answers}
-    assert {one.split("/")[2] for one in answers["runner"]["refused"]} == {"audit", "tokens"}
+    assert {one.split("/")[2] for one in answers["runner"]["refused"]} == {"audit", "runs", "tokens"}
     assert {"POST /v1/runs", "POST /v1/preview", "PUT /v1/runs/{run_id}/marks"} < set(answers["viewer"]["refused"])
     assert answers["admin"]["refused"] == []
 
