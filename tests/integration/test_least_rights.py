@@ -21,6 +21,7 @@ from sqlalchemy.exc import ProgrammingError
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
 from tests.world.bucket import s3_server
+from tests.world.world import Watched
 from valerie.errors import StorageUnavailable
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.fitness import Fitness
@@ -120,7 +121,7 @@ def deployment(
         Stage.INFER: probe_function("blank", specimens),
         Stage.EVAL: [],
     }
-    makers = {Stage.RENDER: RenderMaker, Stage.INFER: InferMaker, Stage.EVAL: EvaluateMaker}
+    makers: dict[Stage, Any] = {Stage.RENDER: RenderMaker, Stage.INFER: InferMaker, Stage.EVAL: EvaluateMaker}
     contexts, presences = {}, []
     for stage in Stage:
         account = url.set(username=f"valerie_{stage}", password="secret").render_as_string(hide_password=False)
@@ -130,7 +131,7 @@ def deployment(
         presences[-1].join()
         opened = presences[-1].open_context(settings, Fitness.counts())
         contexts[stage] = replace(opened, store=stores[stage], broker=pipeline.context.broker)
-        pipeline.makers[stage] = makers[stage](contexts[stage])
+        pipeline.makers[stage] = Watched(makers[stage](contexts[stage]))
     routes = {stage: sorted({offer.route for offer in offers[stage]}) or [EVAL_QUEUE] for stage in Stage}
     yield Deployment(pipeline, contexts, routes)
     for presence in presences:
