@@ -5,7 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
 
+
+@pytest.mark.timeout(900)  # two minutes of CPU time
 def test_no_schedule_violates_an_invariant_and_every_planted_bug_is_found() -> None:
     # In a process of its own with a fixed order of sets, so that failures are reproducible.
     command = [sys.executable, "-m", "tests.simulation", "--schedules", "500", "--processes", "2", "--prove"]
