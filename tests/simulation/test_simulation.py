@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 
 def run(*arguments: str) -> None:
     # In a process of its own with a fixed order of sets, so that failures are reproducible.
@@ -13,6 +15,7 @@ def run(*arguments: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.timeout(900)  # two minutes of CPU time
 def test_no_schedule_violates_an_invariant_and_every_planted_bug_is_found() -> None:
     run("--schedules", "500", "--processes", "2", "--prove")
 

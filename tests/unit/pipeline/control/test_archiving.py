@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
-from sqlalchemy import insert, text
+from sqlalchemy import insert, inspect, text
 
 from tests.world.archived import counts_of, rows_of
 from tests.world.blank import SMALL, Pipeline
@@ -20,8 +23,8 @@ from tests.world.world import settings_of
 from valerie.db import archiving as queries
 from valerie.db import copying, frames, links, marks, runs, sweeping
 from valerie.db.archives import reading_run
-from valerie.db.engine import database_moment, reading, writing
-from valerie.db.migrate import migrate
+from valerie.db.engine import database_moment, open_database, reading, writing
+from valerie.db.migrate import create, migrate
 from valerie.db.models import Study, StudyBatch
 from valerie.errors import Conflict, CorruptArtifact, NotFound, StorageUnavailable
 from valerie.pipeline.base import row_files
@@ -36,8 +39,10 @@ from valerie.pipeline.control.quotas import quotas_of
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.marks import Mark, Subject
+from valerie.runs.products.archive import ArchivedTable
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.study.study_document import parse_study
+from valerie.storage.keys import archive_key
 
 #: A study of the asset of `SMALL`.
 STUDY = {
@@ -402,13 +407,33 @@ def test_a_file_that_is_not_the_written_one_is_refused_and_a_missing_one_is_not_
     assert long_table(context, run) == before
 
 
-def test_an_archive_of_an_older_revision_is_read(completed: tuple[Pipeline, str]) -> None:
+def with_columns(context: Context, run: str, name: str, table: ArchivedTable, columns: Sequence[str]) -> ArchivedTable:
+    """Store a table's file again with some of its columns only."""
+    buffer = io.BytesIO()
+    file = pq.read_table(io.BytesIO(context.store.get(archive_key(run, name, table.sha256))))
+    pq.write_table(file.select([column for column in file.column_names if column in columns]), buffer)
+    data = buffer.getvalue()
+    digest = hashlib.sha256(data).hexdigest()
+    context.store.put(archive_key(run, name, digest), data)
+    return ArchivedTable(rows=table.rows, bytes=len(data), sha256=digest)
+
+
+def test_an_archive_of_an_older_revision_is_read(completed: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run = completed
     context = pipeline.context
     before, rows = long_table(context, run), rows_of(context.engine)
     archive = archive_run(context, run)
+    # The release had fewer columns.
+    tables = dict(archive.tables)
+    release = open_database(f"sqlite:///{tmp_path / 'release.sqlite3'}")
+    create(release, "release_0_1_0")
+    for name in archive.tables:
+        if inspect(release).has_table(name):
+            columns = [column["name"] for column in inspect(release).get_columns(name)]
+            tables[name] = with_columns(context, run, name, archive.tables[name], columns)
     with writing(context.engine) as connection:
-        runs.set_values(connection, run, archive=archive.model_copy(update={"revision": "projects"}))
+        old = archive.model_copy(update={"revision": "release_0_1_0", "tables": tables})
+        runs.set_values(connection, run, archive=old)
     assert long_table(context, run) == before
     with writing(context.engine) as connection:
         runs.set_values(connection, run, archive=archive.model_copy(update={"revision": "of-the-future"}))
