@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -36,7 +36,7 @@ def weights_of(running: Sequence[RunRow], now: float) -> dict[str, float]:
         running: all running runs.
         now: Unix seconds.
     """
-    rates: dict[tuple[str | None, Stage], float] = Counter()
+    rates: dict[tuple[str | None, Stage], float] = defaultdict(float)
     for run in running:
         for stage, counted in _stages(run).items():
             rates[run.owner, stage] += counted.rate_per_s
