@@ -12,7 +12,6 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeHistogramMetricFamily, GaugeMetricFamily, Metric
-from prometheus_client.utils import floatToGoString
 from sqlalchemy import Connection, text
 
 from valerie import plugins
@@ -368,7 +367,7 @@ def _product_metrics(connection: Connection) -> list[Metric]:
         "valerie_product_cpu_seconds", f"CPU seconds of the newest {_NEWEST:,} products of a kind", labels=["kind"]
     )
     for kind, values in totals.newest_costs(connection, newest=_NEWEST):
-        counts = [(floatToGoString(bound), sum(value <= bound for value in values)) for bound in _COST_BOUNDS]
+        counts = [(_bound_name(bound), sum(value <= bound for value in values)) for bound in _COST_BOUNDS]
         costs.add_metric([kind], counts, sum(values))
     reasons = GaugeMetricFamily(
         "valerie_failure_reasons",
@@ -378,6 +377,10 @@ def _product_metrics(connection: Connection) -> list[Metric]:
     for reason in totals.failure_reasons(connection, newest=_NEWEST):
         reasons.add_metric([reason.kind, reason.type], reason.products)
     return [backlog, done, failed, cpu, costs, reasons]
+
+
+def _bound_name(bound: float) -> str:
+    return "+Inf" if bound == math.inf else str(bound)
 
 
 def _worker_metrics(connection: Connection) -> list[Metric]:
