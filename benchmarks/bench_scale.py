@@ -77,7 +77,8 @@ def measure_runs(products: int) -> dict[str, Any]:
     with running() as (system, _):
         few = measure(system, SMALL)
         many = measure(system, products // 4)
-        run = system.client.get("/v1/runs", params={"limit": 1}).json()["runs"][0]["id"]
+        print(few, many, sep="\n", flush=True)
+        run = system.client.get("/v1/runs", params={"limit": 1}).json()["items"][0]["id"]
         page = timed(lambda: system.client.get(f"/v1/runs/{run}/frames", params={"limit": 50}).raise_for_status())
         deleted, waited = _deleted(system, run)
         submitted = time.perf_counter()

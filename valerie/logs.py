@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import sys
+from contextlib import suppress
 
 import structlog
 
 from valerie.settings import Settings
+
+
+class _Lenient(io.TextIOBase):
+    """Standard error, without errors: what a full disk does not take is left out, and the process goes on."""
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            sys.stderr.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            sys.stderr.flush()
 
 
 def configure_logging(settings: Settings) -> None:
@@ -28,7 +43,7 @@ def configure_logging(settings: Settings) -> None:
     structlog.configure(
         processors=[*shared, final],
         wrapper_class=structlog.make_filtering_bound_logger(level),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=structlog.PrintLoggerFactory(_Lenient()),
         cache_logger_on_first_use=True,
     )
     logging.basicConfig(
