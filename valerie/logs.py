@@ -6,6 +6,7 @@ import io
 import logging
 import sys
 from contextlib import suppress
+from typing import TextIO, cast
 
 import structlog
 
@@ -43,7 +44,7 @@ def configure_logging(settings: Settings) -> None:
     structlog.configure(
         processors=[*shared, final],
         wrapper_class=structlog.make_filtering_bound_logger(level),
-        logger_factory=structlog.PrintLoggerFactory(_Lenient()),
+        logger_factory=structlog.PrintLoggerFactory(cast("TextIO", _Lenient())),
         cache_logger_on_first_use=True,
     )
     logging.basicConfig(
