@@ -152,3 +152,26 @@ def test_a_worker_of_the_newer_release_leaves_the_database_of_an_older_server_as
         assert api.wait(run) == "completed", api.progress(run)
         assert api.rows(run) == calm
         assert revision(settings) == before
+
+
+def test_an_upgrade_and_the_way_back_keep_all_rows(
+    releases: tuple[Path, Path], calm: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    older, newer = releases
+    backup = str(tmp_path / "backup")
+    with deployment() as settings:
+        with served(older, settings) as api, workers_of(older, settings):
+            run = api.submit(DOCUMENT)
+            assert api.wait(run) == "completed", api.progress(run)
+        saved = called(older, settings, "valerie", "backup", backup, "--products")
+        assert saved.returncode == 0, saved.stderr
+        with served(newer, settings) as api, workers_of(newer, settings):
+            assert api.rows(run) == calm
+            again = api.submit(DOCUMENT)
+            assert api.wait(again) == "completed", api.progress(again)
+            assert api.rows(again) == calm
+    with deployment() as settings:
+        restored = called(older, settings, "valerie", "restore", backup)
+        assert restored.returncode == 0, restored.stderr
+        with served(older, settings) as api:
+            assert api.rows(run) == calm

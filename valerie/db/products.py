@@ -296,7 +296,8 @@ def claim_next(connection: Connection, route: str, *, owner: str, now: float, le
     A product that was tried before comes alone: one that ends its process again and again must not use up the attempts of its
     neighbours. On Postgres, workers that claim at the same time pass over each other's rows; on SQLite nobody else writes.
     """
-    for line in _lines(connection, route):
+    lines = _lines(connection, route)
+    for line in lines:
         asked = {"route": route, "now": now, "line": line.owner}
         while (row := connection.execute(_NEXT, asked).first()) is not None:
             digests: Sequence[str] = [row.digest]
@@ -305,7 +306,8 @@ def claim_next(connection: Connection, route: str, *, owner: str, now: float, le
                 digests = connection.scalars(_PACKET, asked | packet).all()
             jobs = claim(connection, digests, owner=owner, now=now, lease_seconds=lease_seconds)
             if jobs:
-                _advance(connection, route, line, len(jobs))
+                if len(lines) > 1:
+                    _advance(connection, route, line, len(jobs))
                 return jobs
     return []
 
@@ -334,7 +336,7 @@ def _lines(connection: Connection, route: str) -> list[_Line]:
 
 
 def _advance(connection: Connection, route: str, line: _Line, count: int) -> None:
-    # The last statement of the transaction: workers that serve the same owner wait for each other only here.
+    # The last statement of the transaction: where several owners wait, workers of one wait for each other's commit here.
     insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
     start = case((OwnerTurn.turn > line.turn, OwnerTurn.turn), else_=line.turn)
     values = {"route": route, "owner": line.owner, "start": line.turn, "turn": line.turn + count}

@@ -26,9 +26,9 @@ from valerie.settings import load_settings
 
 #: Name under which workers offer to call functions behind HTTP.
 HTTP: Final = "http"
-#: Render engines without a specimen: the noise of a path tracer differs between classes, and its first frame on a new card may
-#: take minutes.
-_NOISY: Final = frozenset({"cycles"})
+#: Engines and functions that make a specimen. Plug-ins may take any time and memory. The noise of a path tracer differs between
+#: classes, and its first frame on a new card may take minutes.
+_KNOWN: Final = frozenset({"raster", "pyrender", plugins.TESTING_ENGINE, *FUNCTIONS})
 
 
 def probe_engine(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
@@ -36,7 +36,7 @@ def probe_engine(name: str, specimens: Specimens | None = None) -> list[AnyOffer
     renderer = plugins.create_renderer(name)
     try:
         engine = _rendering(name, renderer.numeric_class, renderer.revision)
-        if specimens is not None and name not in _NOISY:
+        if specimens is not None and name in _KNOWN:
             add_image(specimens, engine, renderer)
     finally:
         renderer.close()
@@ -77,7 +77,7 @@ def probe_function(name: str, specimens: Specimens | None = None) -> list[AnyOff
             digest=card.digest,
             card=card,
         )
-        if specimens is not None:
+        if specimens is not None and name in _KNOWN:
             add_prediction(specimens, offer, function)
         return [offer]
     finally:
