@@ -43,7 +43,7 @@ PARTS: Final = ("runs", "workers", "soak")
 MILLION: Final = 1_000_000
 SMALL: Final = 2_500
 MANY: Final = (4, 16, 64)
-#: Variants for each number of workers, after a run that they share while they start.
+#: Variants for each number of workers, and as many more as joined, so that no run shares products with another.
 WORKED: Final = 5_000
 _TRUST: Final = 0.05
 
@@ -160,7 +160,8 @@ def _worked(system: System, url: str, joined: list[subprocess.Popen[bytes]]) -> 
     waiting: Counter[str] = Counter()
     looks = 0
     before, started = _cpu(system, joined), time.perf_counter()
-    run = system.submit(document(WORKED))
+    variants = WORKED + len(joined)
+    run = system.submit(document(variants))
     with psycopg.connect(url, autocommit=True) as connection:
         while system.progress(run)["state"] not in ENDED:
             looks += 1
@@ -170,7 +171,7 @@ def _worked(system: System, url: str, joined: list[subprocess.Popen[bytes]]) -> 
             waiting.update(state for (state,) in states if state)
             time.sleep(_TRUST)
     seconds = time.perf_counter() - started
-    products = 4 * WORKED + 1
+    products = 4 * variants + 1
     return {
         "products_per_second": round(products / seconds),
         "cpu_ms_per_product": round(1000 * (_cpu(system, joined) - before) / products, 2),
