@@ -68,17 +68,19 @@ def document(variants: int) -> dict[str, Any]:
 
 def cpu_seconds(system: System) -> dict[str, float]:
     """Return the CPU seconds of each service so far, including its running and ended child processes."""
-    used: dict[str, float] = {}
-    for name, pid in system.supervisor.pids().items():
-        total = 0.0
-        for process in [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]:
-            try:
-                times = process.cpu_times()
-            except psutil.NoSuchProcess:
-                continue
-            total += times.user + times.system + times.children_user + times.children_system
-        used[name] = total
-    return used
+    return {name: tree_seconds(pid) for name, pid in system.supervisor.pids().items()}
+
+
+def tree_seconds(pid: int) -> float:
+    """Return the CPU seconds of a process so far, including its running and ended child processes."""
+    total = 0.0
+    for process in [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]:
+        try:
+            times = process.cpu_times()
+        except psutil.NoSuchProcess:
+            continue
+        total += times.user + times.system + times.children_user + times.children_system
+    return total
 
 
 def redis_megabytes(system: System) -> float:

@@ -20,7 +20,7 @@ import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -30,7 +30,7 @@ import psutil
 import psycopg
 
 from benchmarks import results
-from benchmarks.bench_control_plane import cpu_seconds, document, measure, redis_megabytes
+from benchmarks.bench_control_plane import cpu_seconds, document, measure, redis_megabytes, tree_seconds
 from tests.acceptance.system import ENDED, System
 from tests.world.boxes import write_box_street
 from tests.world.postgres import PostgresServer
@@ -45,7 +45,8 @@ SMALL: Final = 2_500
 MANY: Final = (4, 16, 64)
 #: Variants for each number of workers, and as many more as joined, so that no run shares products with another.
 WORKED: Final = 5_000
-_TRUST: Final = 0.05
+#: Pause between looks at the sessions of the database.
+_LOOK_SECONDS: Final = 0.05
 
 
 @contextmanager
@@ -169,7 +170,7 @@ def _worked(system: System, url: str, joined: list[subprocess.Popen[bytes]]) -> 
                 "SELECT DISTINCT wait_event_type FROM pg_stat_activity WHERE state = 'active' AND pid <> pg_backend_pid()"
             )
             waiting.update(state for (state,) in states if state)
-            time.sleep(_TRUST)
+            time.sleep(_LOOK_SECONDS)
     seconds = time.perf_counter() - started
     products = 4 * variants + 1
     return {
@@ -181,19 +182,7 @@ def _worked(system: System, url: str, joined: list[subprocess.Popen[bytes]]) -> 
 
 
 def _cpu(system: System, joined: list[subprocess.Popen[bytes]]) -> float:
-    spent = sum(cpu_seconds(system).values())
-    for worker in joined:
-        for process in _tree(worker.pid):
-            with suppress(psutil.NoSuchProcess):
-                spent += sum(process.cpu_times()[:4])
-    return spent
-
-
-def _tree(pid: int) -> list[psutil.Process]:
-    with suppress(psutil.NoSuchProcess):
-        process = psutil.Process(pid)
-        return [process, *process.children(recursive=True)]
-    return []
+    return sum(cpu_seconds(system).values()) + sum(tree_seconds(worker.pid) for worker in joined)
 
 
 def soak(products: int, hours: float) -> dict[str, Any]:
@@ -231,7 +220,8 @@ def _sizes(system: System, url: str) -> dict[str, float]:
     """Return memory in MB and open files of every service, and the sizes of Redis and of the database in MB."""
     sizes: dict[str, float] = {}
     for name, pid in system.supervisor.pids().items():
-        processes = _tree(pid)
+        parent = psutil.Process(pid)
+        processes = [parent, *parent.children(recursive=True)]
         sizes[f"{name} MB"] = sum(process.memory_info().rss for process in processes) / 1e6
         sizes[f"{name} files"] = float(sum(process.num_fds() for process in processes))
     sizes["redis MB"] = redis_megabytes(system)

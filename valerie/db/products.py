@@ -26,7 +26,6 @@ from sqlalchemy import (
     union,
     update,
 )
-from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.links import FRAME_COLUMNS, VARIANT_OF_FRAME, StoredFrame, same_frame
@@ -45,7 +44,16 @@ from valerie.db.models import (
     Score,
     Variant,
 )
-from valerie.db.statements import UNFINISHED, WAITING, among, in_order, insert_ignoring, insert_rows, lock
+from valerie.db.statements import (
+    UNFINISHED,
+    WAITING,
+    among,
+    in_order,
+    insert_ignoring,
+    insert_rows,
+    insertion_into,
+    lock,
+)
 from valerie.measures import Measures
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.ready import FailedInput, ProductError, Ready
@@ -265,14 +273,15 @@ class _Line(NamedTuple):
 
 _READY: Final = (UNFINISHED, Product.state == ProductState.READY, Product.route == bindparam("route"))
 _DUE: Final = (*_READY, or_(Product.not_before.is_(None), Product.not_before <= bindparam("now")))
-_FIRST: Final = (
+_ANY: Final = select(Product.digest).where(*_DUE).limit(1)
+_OF_LINE: Final = Product.owner == bindparam("line")
+_NEXT: Final = (
     select(Product.digest, Product.kind, Product.cache_group, Product.turn, Product.attempts)
-    .where(*_DUE)
+    .where(*_DUE, _OF_LINE)
     .order_by(Product.turn)
     .limit(1)
+    .with_for_update(skip_locked=True)
 )
-_OF_LINE: Final = Product.owner == bindparam("line")
-_NEXT: Final = _FIRST.where(_OF_LINE).with_for_update(skip_locked=True)
 _PACKET: Final = (
     select(Product.digest)
     .where(*_DUE, _OF_LINE, Product.turn == bindparam("turn"), Product.kind == bindparam("kind"), Product.attempts == 0)
@@ -284,7 +293,7 @@ _PACKET: Final = (
 
 def any_due(connection: Connection, route: str, *, now: float) -> bool:
     """Return whether `claim_next` may find a product of a queue; unlike it, this locks and writes nothing."""
-    return connection.execute(_FIRST, {"route": route, "now": now}).first() is not None
+    return connection.execute(_ANY, {"route": route, "now": now}).first() is not None
 
 
 def claim_next(connection: Connection, route: str, *, owner: str, now: float, lease_seconds: float) -> list[Job]:
@@ -337,13 +346,11 @@ def _lines(connection: Connection, route: str) -> list[_Line]:
 
 def _advance(connection: Connection, route: str, line: _Line, count: int) -> None:
     # The last statement of the transaction: where several owners wait, workers of one wait for each other's commit here.
-    insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
     start = case((OwnerTurn.turn > line.turn, OwnerTurn.turn), else_=line.turn)
     values = {"route": route, "owner": line.owner, "start": line.turn, "turn": line.turn + count}
     advanced = {"start": start, "turn": start + count}
-    connection.execute(
-        insert(OwnerTurn).values(values).on_conflict_do_update(index_elements=["route", "owner"], set_=advanced)
-    )
+    insertion = insertion_into(connection, OwnerTurn).values(values)
+    connection.execute(insertion.on_conflict_do_update(index_elements=["route", "owner"], set_=advanced))
 
 
 def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:

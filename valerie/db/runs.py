@@ -404,11 +404,11 @@ def made(connection: Connection, *, owner: str | None = None, project: str = "",
 
 def unshared(connection: Connection, run: RunRow, *, since: float) -> Cost:
     """Return the CPU time, since a moment, and the size of what no other run of a run's owner and project shares with it."""
+    if run.archive is not None:
+        return Cost(run.archive.cpu_seconds, run.archive.stored_bytes)
     others = Run.owner == run.owner, Run.project == run.project, Run.id != run.id
     own = links_of(run.id)
     shared = union(*_links_of_runs(*others)).subquery()
-    if run.archive is not None:
-        return Cost(run.archive.cpu_seconds, run.archive.stored_bytes)
     sums = connection.execute(
         select(*_sums(since))
         .join(own, own.c[0] == Product.digest)

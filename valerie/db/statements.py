@@ -105,12 +105,16 @@ def newest_first(
     return page if before is None else page.where(tuple_(table.created_at, table.id) < before)
 
 
+def insertion_into(connection: Connection, model: type[Base]) -> postgresql.Insert | sqlite.Insert:
+    """Return an INSERT of the connection's kind of database, which may have a clause for conflicts."""
+    return postgresql.insert(model) if connection.dialect.name == "postgresql" else sqlite.insert(model)
+
+
 def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Values]) -> int:
     """Insert the rows of any table whose primary keys do not exist yet; return their number."""
     if not rows:
         return 0
-    insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
-    insertion = insert(model).on_conflict_do_nothing()
+    insertion = insertion_into(connection, model).on_conflict_do_nothing()
     return connection.execute(insertion, list(rows), execution_options={"preserve_rowcount": True}).rowcount
 
 
