@@ -4,11 +4,13 @@ The *assumption-free* number uses only points that were drawn from the operation
 the interval of `valerie.statistics.intervals` for shares is valid for any scores.
 
 The *model-assisted* number uses all points. Later batches are drawn from a fresh pool of M points of the operational
-density by the mixture π = α/M + (1 − α) v/Σv, with v = √(g(1 − g)) and g the failure probability by a surrogate fitted to
-the earlier batches. With w = 1/(Mπ) and the indicator of failure I, a point contributes Y = λḡ + w(I − λg): importance
-weighting with a control variate (Owen and Zhou 2000, doi:10.1080/01621459.2000.10473909). λ is the regression coefficient
-in the earlier batches, and ḡ the mean of g over the pool. Batches are combined with weights ω ∝ n √(t + 1) that are fixed
-in advance, the first one halved. The interval is p̂ exp(± t √V / p̂).
+density by the mixture π = α/M + (1 − α) v/Σv, with v² = g(1 − g) + ((1 − λ)² + `DOUBT`) g² and g the failure probability by
+a surrogate fitted to the earlier batches. With w = 1/(Mπ) and the indicator of failure I, a point contributes
+Y = λḡ + w(I − λg): importance weighting with a control variate (Owen and Zhou 2000, doi:10.1080/01621459.2000.10473909). λ is
+the regression coefficient in the latest batches, shrunk to 1, which is best for a calibrated g; ḡ is the mean of g over the
+pool. Batches of n points are combined with weights ω ∝ 1 / (r/n + 1/M). Before a batch is drawn, r is foreseen as a multiple of
+plain Monte Carlo's variance: that of a calibrated g, and that of failures that no surrogate expects. The interval is
+p̂ exp(± t √V / p̂). The variance of a batch in V is at least the foreseen one of a calibrated g, scaled to all batches.
 
 α follows ε, the weighted share of failures where g < `KNOWN`, as √ε / (√ε + 0.35).
 
@@ -38,6 +40,7 @@ from valerie.guided.surrogate import (
     LEAST_POINTS,
     Covariates,
     Surrogate,
+    defined_probability,
     failure_probability,
     held_out,
     margins,
@@ -56,6 +59,14 @@ POOL_RANGE: Final = (4_000, 20_000)
 LEAST_POOL: Final = 20
 #: With fewer failures than this, the proposal aims at the points with the lowest scores.
 FEW: Final = 11
+#: Share of the failures that the surrogate is sure of which are drawn as if they might not fail.
+DOUBT: Final = 0.1
+#: Number of sure failures that shrink λ to 1.
+SURE: Final = 5.0
+#: Number of expected and of unexpected failures that are taken as seen before any is.
+SEEN: Final = 0.5
+#: Range of the foreseen variance, as a multiple of plain Monte Carlo's.
+FORESEEN: Final = (0.01, 2.0)
 #: Largest share of the estimate that one point may carry before the gamma interval is taken.
 HEAVIEST: Final = 0.1
 #: A failure is known to the surrogate if its predicted probability is at least this.
@@ -120,6 +131,8 @@ class Draws:
         control: λ, the coefficient of the control variate.
         share: α, the operational share of the mixture.
         counted: number of points, from the first on, that are operational and count for the assumption-free number.
+        known_variance: foreseen variance of a contribution Y, if g is calibrated.
+        foreseen: r, the foreseen variance with unexpected failures, as a multiple of plain Monte Carlo's.
     """
 
     number: int
@@ -133,6 +146,8 @@ class Draws:
     control: float
     share: float
     counted: int
+    known_variance: float = 0.0
+    foreseen: float = 1.0
 
     @property
     def operational(self) -> int:
@@ -232,21 +247,26 @@ class Estimate:
         judged = defined & ~np.isnan(predicted)
         if np.count_nonzero(judged) < LEAST_POINTS:
             return self._operational(rng, number, count)
-        error = prediction_error(true[judged], predicted[judged])
+        recent = _latest(judged, scores < self.at_least, told)
+        error = prediction_error(true[recent], predicted[recent])
+        control = self._control(told, failure_probability(predicted, error), recent)
 
         surrogate = Surrogate(known[defined], true[defined])
         pool = self.domain.draw(rng, self.pool or _pool_of(count))
-        known = self._known(pool)
-        of_pool = surrogate.predict(known)
-        expected = failure_probability(of_pool, error)
+        candidates = self._known(pool)
+        of_pool = surrogate.predict(candidates)
+        possible = defined_probability(known, defined, candidates)
+        expected = possible * failure_probability(of_pool, error)
         # With few failures, the proposal aims at a bound with more points below it.
         aim = np.sort(true[defined])[FEW - 1] if np.count_nonzero(scores < self.at_least) < FEW else 0.0
-        aimed = failure_probability(of_pool - max(aim, 0.0), error)
-        spread = np.sqrt(aimed * (1 - aimed)) + 1e-12
+        aimed = possible * failure_probability(of_pool - max(aim, 0.0), error)
+        spread = np.sqrt(aimed * (1 - aimed) + ((1 - control) ** 2 + DOUBT) * aimed**2) + 1e-12
 
         share = self._share(told)
         operational = math.ceil(share * count)
         share = operational / count
+        weights = 1 / (share + (1 - share) * len(pool) * spread / spread.sum())
+        variance = float((weights * (expected * (1 - expected) + ((1 - control) * expected) ** 2)).mean())
         chosen = np.concatenate(
             [
                 rng.choice(len(pool), operational, replace=False),
@@ -256,15 +276,17 @@ class Estimate:
         return Draws(
             number,
             pool[chosen],
-            known[chosen],
-            1 / (share + (1 - share) * len(pool) * spread[chosen] / spread.sum()),
+            candidates[chosen],
+            weights[chosen],
             of_pool[chosen],
             expected[chosen],
             float(expected.mean()),
             len(pool),
-            self._control(told, failure_probability(predicted, error)),
+            control,
             share,
             math.ceil(SHARES[0] * count),
+            variance,
+            self._foreseen(told, variance / max(float(expected.mean()), 1e-12), share),
         )
 
     def _predicted_before(self, told: list[tuple[Draws, Scores]], true: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -297,14 +319,21 @@ class Estimate:
                 missed += float(failing[draws.expected < KNOWN].sum())
         return missed / total if total else math.nan
 
-    def _control(self, told: list[tuple[Draws, Scores]], expected: NDArray[np.float64]) -> float:
-        """Return λ, by regression of weighted failures on weighted expectations over all points so far."""
-        weights = np.concatenate([draws.weights for draws, _ in told])
-        failing = np.concatenate([scores < self.at_least for _, scores in told])
-        known = ~np.isnan(expected)
-        x, y = (weights * expected)[known], (weights * failing)[known]
-        variance = float(np.var(x)) if len(x) else 0.0
-        return float(np.clip(np.cov(x, y, bias=True)[0, 1] / variance, 0.0, 1.0)) if variance else 0.0
+    def _control(
+        self, told: list[tuple[Draws, Scores]], expected: NDArray[np.float64], recent: NDArray[np.bool_]
+    ) -> float:
+        """Return λ, by regression of weighted failures on weighted expectations over the recent points."""
+        weights = np.concatenate([draws.weights for draws, _ in told])[recent]
+        failing = np.concatenate([scores < self.at_least for _, scores in told])[recent]
+        (variance, covariance), _ = np.cov(weights * expected[recent], weights * failing, bias=True)
+        sure = SURE / len(weights)
+        return float(np.clip((covariance + sure) / (variance + sure), 0.0, 1.0))
+
+    def _foreseen(self, told: list[tuple[Draws, Scores]], known: float, share: float) -> float:
+        """Return r from the known part, and from the share of failures that surrogates did not expect."""
+        judged, unforeseen = self._unforeseen(told)
+        hidden = (unforeseen + SEEN) / (judged + 2 * SEEN)
+        return float(np.clip(known + hidden / share, *FORESEEN))
 
     def rate(self, level: float = 0.95) -> FailureRate:
         """Return the failure rate from all batches that were told.
@@ -347,13 +376,13 @@ class Estimate:
         surprises = weights * (failing - expected)
         controlled = base + surprises
         sizes = np.bincount(number).astype(np.float64)
-        batch = sizes * np.sqrt(np.arange(len(sizes)) + 1)
-        batch[0] /= 2
+        of_pools = _by_number(told, [1 / draws.pool if draws.pool else 0.0 for draws, _ in told])
+        batch = 1 / (_by_number(told, [draws.foreseen for draws, _ in told]) / sizes + of_pools)
         batch /= batch.sum()
         per_point = (batch / sizes)[number]
         estimate = float(per_point @ controlled)
 
-        pooled = sum(batch[draws.number] ** 2 / draws.pool for draws, _ in told if draws.pool)
+        pooled = float(batch**2 @ of_pools)
         tail = (1 - level) / 2
         heaviest = float((per_point * np.abs(surprises)).max())
         if estimate <= 0 or heaviest > HEAVIEST * estimate:
@@ -363,12 +392,18 @@ class Estimate:
             low, high = _gamma_interval(estimate, variance, largest, tail)
             method = "Fay and Feuer"
         else:
-            variance, noise = pooled * estimate * (1 - estimate), 0.0
-            for t, size in enumerate(sizes):
-                deviations = controlled[number == t] - controlled[number == t].mean()
-                square = float((deviations**2).sum() / (size - 1)) if size > 1 else 0.0
-                variance += batch[t] ** 2 * square / size
-                noise += (batch[t] ** 2 / size) ** 2 * (float((deviations**4).mean()) - square**2) / size
+            of_batch = [controlled[number == t] for t in range(len(sizes))]
+            squares = np.array([values.var(ddof=1) if len(values) > 1 else 0.0 for values in of_batch])
+            fourths = np.array([((values - values.mean()) ** 4).mean() for values in of_batch])
+            foreseen = _by_number(told, [draws.known_variance for draws, _ in told])
+            guided = foreseen > 0
+            if guided.any():
+                seen = float((sizes * squares)[guided].sum() / (sizes * foreseen)[guided].sum())
+                least = np.maximum(squares, min(seen, 1.0) * foreseen)
+            else:
+                least = squares
+            variance = pooled * estimate * (1 - estimate) + float((batch**2 * least / sizes).sum())
+            noise = float(((batch**2 / sizes) ** 2 * (fourths - squares**2) / sizes).sum())
             freedom = max(2 * variance**2 / noise, 4.0) if noise > 0 else 4.0
             factor = math.exp(float(-stdtrit(freedom, tail)) * math.sqrt(variance) / estimate)
             low, high = estimate / factor, estimate * factor
@@ -379,6 +414,25 @@ class Estimate:
 def _pool_of(count: int) -> int:
     least, most = POOL_RANGE
     return max(min(max(POOL * count, least), most), LEAST_POOL * count)
+
+
+def _latest(
+    judged: NDArray[np.bool_], failing: NDArray[np.bool_], told: list[tuple[Draws, Scores]]
+) -> NDArray[np.bool_]:
+    """Return the mask of the judged points in the latest batches with `FEW` failures: their surrogates are the best."""
+    ends = np.cumsum([len(scores) for _, scores in told])
+    for start in (*ends[-2::-1], 0):
+        latest: NDArray[np.bool_] = judged & (np.arange(len(judged)) >= start)
+        if np.count_nonzero(latest & failing) >= FEW:
+            return latest
+    return judged
+
+
+def _by_number(told: list[tuple[Draws, Scores]], values: list[float]) -> NDArray[np.float64]:
+    """Return the values of the batches by their number; the operational ones at the beginning have one number."""
+    of_number = np.empty(told[-1][0].number + 1)
+    of_number[[draws.number for draws, _ in told]] = values
+    return of_number
 
 
 def _share_interval(hits: NDArray[np.bool_], level: float) -> Interval:

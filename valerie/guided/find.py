@@ -459,7 +459,8 @@ class Find:
         if len(defined) > REFIT * self._fitted:
             self._fitted = len(defined)
             passing = self._margins[defined] >= 0
-            surprises = (self._margins[defined] - held_out(self._features[defined], self._margins[defined]))[passing]
+            expected = held_out(self._features[defined], self._margins[defined], trend=False)
+            surprises = (self._margins[defined] - expected)[passing]
             lowest = np.argsort(surprises, kind="stable")[: math.ceil(SURPRISING * len(surprises))]
             self._candidates = [row for row in defined[passing][lowest].tolist() if row not in self._started]
         chosen, self._candidates = self._candidates[:count], self._candidates[count:]
