@@ -84,8 +84,7 @@ class StaticSurfaces:
             depths[rows, columns][part] = depth[part]
         dark = self.grid.holding(raw < 255, x, y)
         self.open[mask] = ~dark[mask]
-        inside = self.grid.pixels(mask, area)
-        np.copyto(self.smooth[area.slices], smooth, where=inside)
+        np.copyto(self.smooth[area.slices], smooth, where=self.grid.pixels(mask, area))
 
     def release(self) -> None:
         """Free the G-buffer."""

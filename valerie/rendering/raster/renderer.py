@@ -284,8 +284,7 @@ class RasterRenderer:
             canvas.light(lit, gaps)
         frame.surfaces.learn(gaps, canvas.targets, frame.camera.near, frame.camera.far)
         area = canvas.grid.around(gaps)
-        inside = canvas.grid.pixels(gaps, area)[..., None]
-        np.copyto(frame.image.pixels[area.slices], canvas.read_pixels(area), where=inside)
+        canvas.grid.copy(canvas.read_pixels(area), frame.image.pixels[area.slices], gaps, area)
         frame.image.known |= gaps
 
     def _with_movables(self, frame: _Frame, area: Area) -> tuple[Area, NDArray[np.float16]]:
@@ -314,7 +313,7 @@ class RasterRenderer:
         if dirty.any():
             part = grid.around(dirty).common(area)
             pixels = frame.image.pixels[part.slices].copy()
-            np.copyto(pixels, canvas.read_pixels(part), where=grid.pixels(dirty, part)[..., None])
+            grid.copy(canvas.read_pixels(part), pixels, dirty, part)
         # These tiles no longer hold the statics' values.
         canvas.occluded &= ~occluded
         canvas.smoothed &= ~smoothed

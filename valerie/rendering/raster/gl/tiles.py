@@ -98,8 +98,15 @@ class TileGrid:
     def pixels(self, mask: Mask, area: Area) -> Mask:
         """Return a mask of an area's pixels, (height, width), that lie in the tiles of a mask."""
         x, y, width, height = area
-        rows, columns = np.arange(y, y + height) // TILE, np.arange(x, x + width) // TILE
-        return mask[np.ix_(rows, columns)]
+        tiles = mask[y // TILE : -(-(y + height) // TILE), x // TILE : -(-(x + width) // TILE)]
+        left, bottom = x % TILE, y % TILE
+        return tiles.repeat(TILE, axis=0).repeat(TILE, axis=1)[bottom : bottom + height, left : left + width]
+
+    def copy(self, pixels: NDArray[np.float16], into: NDArray[np.float16], mask: Mask, area: Area) -> None:
+        """Copy those pixels of an area, (height, width, 3), that lie in the tiles of a mask."""
+        # A pixel is copied ten times as fast as one opaque item than as three numbers.
+        item = np.dtype((np.void, 3 * pixels.itemsize))
+        np.copyto(into.view(item), pixels.view(item), where=self.pixels(mask, area)[..., None])
 
     def holding(self, pixels: Mask, x: int, y: int) -> Mask:
         """Return the tiles with a true pixel. ``pixels`` is a part of the image with its bottom left corner at (x, y)."""

@@ -49,11 +49,12 @@ def bind(
     unit = 0
     sampled: list[int] = []
     for name, texture in textures.items():
-        if name in program:
+        uniform: Any = program.get(name, None)  # ``in`` would look at all names of the program
+        if uniform is not None:
             texture.use(unit)
             if sampler is not None and isinstance(texture, moderngl.TextureArray):
                 sampler.use(unit)
                 sampled.append(unit)
-            set_uniforms(program, {name: unit})
+            uniform.value = unit
             unit += 1
     return sampled

@@ -28,7 +28,7 @@ float dipped(vec3 away, vec3 axis, vec3 up) {
 }
 #endif
 
-// Share of a lamp's light that reaches a place. Places outside the map take no taps, see shadow.glsl.
+// Share of a lamp's light that reaches a place. Places outside the map are lit. For the loop, see shadow.glsl.
 float lamp_visibility(vec3 p, vec3 face, int tile, float texel, float turn) {
     vec4 at = lamp_clip[max(tile, 0)] * vec4(p, 1.0);
     // An offset of two texels along the normal prevents self-shadowing.
@@ -40,8 +40,8 @@ float lamp_visibility(vec3 p, vec3 face, int tile, float texel, float turn) {
     float depth = ndc.z * 0.5 + 0.5;
     float hidden = 0.0;
     vec2 way = direction(turn);
-    int taps = inside ? LAMP_TAPS : 0;
-    for (int i = 0; i < taps; ++i) {
+    int i = 0, taps = inside ? LAMP_TAPS : 1;
+    do {
         vec2 o = way * (1.5 * sqrt((float(i) + 0.5) / float(LAMP_TAPS)));
         way = GOLDEN * way;
         ivec2 s = corner + clamp(ivec2(place + o), ivec2(0), ivec2(LAMP_MAP - 1));
@@ -55,18 +55,19 @@ float lamp_visibility(vec3 p, vec3 face, int tile, float texel, float turn) {
 #ifdef MOVABLES
         nearest = min(nearest, texelFetch(movable_lamps, s, 0).r);
 #endif
-        hidden += nearest < depth ? 1.0 : 0.0;
-    }
+        hidden += inside && nearest < depth ? 1.0 : 0.0;
+    } while (++i < taps);
     return 1.0 - hidden / float(LAMP_TAPS);
 }
 
-// Radiance by all lamps: diffuse reflection, transmission of thin sheets, and highlights with the sun's microfacet model.
+// Radiance by all lamps, at least one: diffuse reflection, transmission of thin sheets, and highlights with the sun's microfacet model.
 vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0, float roughness, float translucency) {
     vec3 sum = vec3(0.0);
     float facing = max(dot(normal, view), 1e-3);
     float alpha = max(roughness * roughness, 0.01);
     float turn = gradient_noise(gl_FragCoord.xy) * 6.2831853;
-    for (int k = 0; k < lamp_count; ++k) {
+    int k = 0;
+    do {
         vec4 place = texelFetch(lamp_table, ivec2(0, k), 0), axis = texelFetch(lamp_table, ivec2(1, k), 0);
         vec3 way = place.xyz - p;
         float squared = max(dot(way, way), 1e-4);
@@ -76,8 +77,7 @@ vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0,
         float cosine = dot(normal, l), face_cosine = dot(face, l);
         float front = max(cosine, 0.0) * smoothstep(0.0, 0.08, face_cosine);
         float behind = translucency * max(-cosine, 0.0);
-        int turns = window < 1.0 && along > 0.0 && front + behind > 0.0 ? 1 : 0;
-        for (int i = 0; i < turns; ++i) {
+        if (window < 1.0 && along > 0.0 && front + behind > 0.0) {
             vec4 strength = texelFetch(lamp_table, ivec2(2, k), 0), shadow = texelFetch(lamp_table, ivec2(3, k), 0);
             float spot = min(along * strength.w, 1.0), ends = 1.0 - window * window;
             float visibility = lamp_visibility(p, face, int(shadow.x), shadow.y, turn);
@@ -93,6 +93,6 @@ vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0,
             sum += diffuse * light * (front * (1.0 - 0.5 * translucency) + behind);
             sum += fresnel * light * (front * v * alpha * alpha / (lobe * lobe));
         }
-    }
+    } while (++k < lamp_count);
     return sum;
 }

@@ -89,18 +89,18 @@ vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
     int side = textureSize(direction_shares, 0).x;
     ivec2 at = min(ivec2((vec2(p.x + p.y, p.x - p.y) * 0.5 + 0.5) * float(side)), ivec2(side - 1));
     uvec4 nearest = texelFetch(nearest_directions, at, 0);
-    vec4 shares = texelFetch(direction_shares, at, 0);
+    vec4 shares = wanted ? texelFetch(direction_shares, at, 0) : vec4(0.0);
     uvec4 first = texelFetch(openness_first, cell, 0), second = texelFetch(openness_second, cell, 0);
     vec4 sum = vec4(0.0);
-    int taps = wanted ? 4 : 0;
-    for (int i = 0; i < taps; ++i) {
+    int i = 0, taps = wanted ? 4 : 1;
+    do {
         uvec4 half_of = nearest[i] < 16u ? first : second;
         uvec2 quarter = (nearest[i] & 8u) == 0u ? half_of.xy : half_of.zw;
         uint four = (nearest[i] & 4u) == 0u ? quarter.x : quarter.y;
         float open = float((four >> (8u * (nearest[i] & 3u))) & 255u) / 255.0;
         vec3 hides = texelFetch(hiding, ivec2(int(nearest[i]), 0), 0).rgb;
         sum += shares[i] * vec4(mix(hides, above, open), 1.0);
-    }
+    } while (++i < taps);
     return mix(below, sum.rgb / max(sum.a, 1e-6), smoothstep(-0.05, 0.05, r.z));
 }
 
@@ -113,15 +113,15 @@ ivec2 nearest_cell(ivec2 s, float depth, int cell) {
     ivec2 best = own;
     float best_gap = abs(linear_depth(texelFetch(depth_map, own * cell, 0).r) - depth) - 0.01 * depth;
     // No neighbour can improve a gap of zero.
-    int cells = best_gap > 0.0 ? 4 : 0;
-    for (int i = 1; i < cells; ++i) {
+    int i = 1, cells = best_gap > 0.0 ? 4 : 1;
+    do {
         ivec2 other = clamp(own + step_to * ivec2(i & 1, i >> 1), ivec2(0), last);
         float gap = abs(linear_depth(texelFetch(depth_map, other * cell, 0).r) - depth);
         if (gap < best_gap) {
             best = other;
             best_gap = gap;
         }
-    }
+    } while (++i < cells);
     return best;
 }
 
@@ -192,8 +192,8 @@ float random_of(vec3 p) {
 float streak(vec2 place) {
     vec2 at = place / float(pixel_height);
     float coverage = 0.0;
-    int layers = drops > 0.0 ? 4 : 0;
-    for (int i = 0; i < layers; ++i) {
+    int i = 0, layers = drops > 0.0 ? 4 : 1;
+    do {
         float finer = 1.0 + 0.7 * float(i);
         vec2 cells = at * vec2(30.0, 5.0) * finer;
         cells.x += cells.y * 0.12;
@@ -204,7 +204,7 @@ float streak(vec2 place) {
         float thin = 1.0 - smoothstep(0.0, 0.035, abs(inside.x - centre));
         float long_side = smoothstep(0.0, 0.3, inside.y) * (1.0 - smoothstep(0.5, 0.9, inside.y));
         coverage = max(coverage, random_of(cell) < drops * 1.6 ? thin * long_side / finer : 0.0);
-    }
+    } while (++i < layers);
     return coverage;
 }
 

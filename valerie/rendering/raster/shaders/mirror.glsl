@@ -39,41 +39,44 @@ vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
     float part = clamp(min(exits.x, exits.y), 0.0, 1.0);
     bool hit = false;
     float before = 0.0, behind = part, passed = 0.0;
-    int steps = wanted ? MIRROR_STEPS : 0;
-    for (int i = 1; i <= steps; ++i) {
+    int i = 1, steps = wanted ? MIRROR_STEPS : 1;
+    do {
         // Short steps first, so that the reflection of a thing on the road begins at its foot.
         float share = float(i) / float(MIRROR_STEPS), at = part * share * mix(0.25, 1.0, share);
         float depth = 1.0 / (near + rise * at), nearer = 1.0 / (near + rise * passed);
         float seen;
-        bool met = is_behind(from + way * at, depth, p.z, seen) && !hit
+        bool met = is_behind(from + way * at, depth, p.z, seen) && !hit && wanted
             && seen > nearer - MIRROR_THICKNESS.x - MIRROR_THICKNESS.y * nearer;
         before = met ? passed : before;
         behind = met ? at : behind;
         hit = hit || met;
         passed = at;
-    }
-    int halvings = hit ? MIRROR_HALVINGS : 0;
-    for (int i = 0; i < halvings; ++i) {
+    } while (++i <= steps);
+    i = 0;
+    int halvings = hit ? MIRROR_HALVINGS : 1;
+    do {
         float at = 0.5 * (before + behind), seen;
-        bool met = is_behind(from + way * at, 1.0 / (near + rise * at), p.z, seen);
+        bool met = is_behind(from + way * at, 1.0 / (near + rise * at), p.z, seen) && hit;
         behind = met ? at : behind;
         before = met ? before : at;
-    }
+    } while (++i < halvings);
     // A rough film blurs the reflection vertically, in the plane of the ray. Beyond the image, its border is repeated.
     vec2 middle = from + way * behind;
     float along = reach * behind / (last.z * (near + rise * behind));
     vec3 clear_air = exp(-extinction * along);
     vec2 tap = normalize(way + vec2(0.0, 1e-6)) * (spread * 0.5 / length(ray_basis[1]));
     vec4 sum = vec4(0.0);
-    int taps = wanted ? 2 : -3;
-    for (int i = -2; i <= taps; ++i) {
+    i = -2;
+    int taps = wanted ? 2 : -2;
+    do {
         ivec2 place = mirror_sample(middle + float(i) * tap);
         float window = texelFetch(mirror_depth, place, 0).r;
         bool is_sky = window == 1.0, is_thing = eye.z + ray_of(place).z * linear_depth(window) > p.z + ABOVE;
         vec3 root = texelFetch(mirror_albedo, place, 0).rgb;
         vec3 glow = texelFetch(material_table, ivec2(2, int(texelFetch(mirror_material, place, 0).r)), 0).rgb;
         vec3 color = is_sky ? above : mix(haze, root * root * mirrored_light + glow, clear_air);
-        sum += vec4(color, 1.0) * (is_sky || is_thing ? float(3 - abs(i)) / 9.0 : 0.0);
-    }
+        vec4 share = vec4(color, 1.0) * (is_sky || is_thing ? float(3 - abs(i)) / 9.0 : 0.0);
+        sum += wanted ? share : vec4(0.0);
+    } while (++i <= taps);
     return vec4(sum.rgb / max(sum.a, 1e-6), min(3.0 * sum.a, 1.0));
 }

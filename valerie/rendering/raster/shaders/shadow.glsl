@@ -13,8 +13,9 @@ float caster_depth(sampler2D map, vec2 at, vec2 scale, ivec2 last, float range) 
 }
 
 // Visible share of the sun's disc, exactly 1 where the map has no caster within the largest penumbra. ``way`` is any direction in
-// the map's plane. A CPU rasteriser runs both sides of a branch, and the body of a loop once more than any lane needs. The loops
-// over taps are therefore small, and have no iterations where the result is not wanted.
+// the map's plane. A CPU rasteriser runs both sides of a branch, and a loop as long as any of its lanes needs: the whole body once
+// more if the loop tests its condition first. All loops over taps therefore test it last, and turn once without effect where the
+// result is not wanted.
 float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, vec2 way, bool wanted) {
     vec3 at = receiver - origin;
     bool inside = wanted && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, extent));
@@ -27,30 +28,31 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
     float search = min(largest_penumbra, max(smallest, at.z * sun_spread));
     vec2 toward = way;
     float blockers = 0.0, distance_sum = 0.0;
-    int taps = inside ? BLOCKER_TAPS : 0;
-    for (int i = 0; i < taps; ++i) {
+    int i = 0, taps = inside ? BLOCKER_TAPS : 1;
+    do {
         // The first tap is the place itself, since a caster may be narrower than the gaps between the others (a head over its
         // face).
         vec2 o = toward * (search * sqrt(float(i) / float(BLOCKER_TAPS)));
         toward = GOLDEN * toward;
         float plane = at.z + dot(slope, o) - bias;
         float depth = caster_depth(map, at.xy + o, scale, last, extent.z);
-        if (depth < plane) {
+        if (inside && depth < plane) {
             blockers += 1.0;
             distance_sum += at.z - depth;
         }
-    }
+    } while (++i < taps);
     float width = clamp(distance_sum / max(blockers, 1.0) * sun_spread, smallest, search);
     float hidden = 0.0;
-    taps = blockers > 0.0 ? FILTER_TAPS : 0;
+    i = 0;
+    taps = blockers > 0.0 ? FILTER_TAPS : 1;
     toward = RADIAN * way;
-    for (int i = 0; i < taps; ++i) {
+    do {
         vec2 o = toward * (width * sqrt((float(i) + 0.5) / float(FILTER_TAPS)));
         toward = GOLDEN * toward;
         float plane = at.z + dot(slope, o) - bias;
         float depth = caster_depth(map, at.xy + o, scale, last, extent.z);
-        hidden += depth < plane ? 1.0 : 0.0;
-    }
+        hidden += blockers > 0.0 && depth < plane ? 1.0 : 0.0;
+    } while (++i < taps);
     return 1.0 - hidden / float(FILTER_TAPS);
 }
 

@@ -37,6 +37,29 @@ def test_the_tiles_that_hold_a_true_pixel_are_found_wherever_the_part_begins(
     np.testing.assert_array_equal(GRID.holding(part, x, y), expected)
 
 
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    x=st.integers(0, GRID.width - 1),
+    y=st.integers(0, GRID.height - 1),
+    width=st.integers(1, GRID.width),
+    height=st.integers(1, GRID.height),
+)
+def test_a_copy_takes_the_bits_of_the_pixels_in_tiles_of_the_mask_and_no_others(
+    seed: int, x: int, y: int, width: int, height: int
+) -> None:
+    random = np.random.default_rng(seed)
+    whole = random.integers(0, 2**16, (2, GRID.height, GRID.width, 3), np.uint16).view(np.float16)
+    area = Area(x, y, min(width, GRID.width - x), min(height, GRID.height - y))
+    mask = random.random(GRID.shape) < 0.5
+    expected = whole[1].view(np.uint16).copy()
+    for row in range(area.y, area.y + area.height):
+        for column in range(area.x, area.x + area.width):
+            if mask[row // TILE, column // TILE]:
+                expected[row, column] = whole[0].view(np.uint16)[row, column]
+    GRID.copy(whole[0][area.slices], whole[1][area.slices], mask, area)
+    np.testing.assert_array_equal(whole[1].view(np.uint16), expected)
+
+
 def test_an_area_touches_every_tile_that_it_shares_a_pixel_with() -> None:
     assert GRID.touching(Area(TILE - 1, 0, 2, 1)).sum() == 2
     assert GRID.touching(Area(0, 0, TILE, TILE)).sum() == 1
