@@ -12,7 +12,7 @@ from valerie.errors import UnknownName
 from valerie.logs import configure_logging
 from valerie.pipeline.functions.probe import inference_names
 from valerie.pipeline.work.makers.inference import InferMaker
-from valerie.pipeline.work.workers import infer_offers, serve
+from valerie.pipeline.work.workers import infer_offers, serve, stored_specimens
 from valerie.runs.products.states import Stage
 from valerie.settings import load_settings
 
@@ -50,4 +50,5 @@ def main() -> None:
         log.warning("worker.plugins", reason=notice)
     functions = _functions(settings.infer_functions)
     engines = _engines(settings.infer_engines)
-    serve(settings, Stage.INFER, machine=infer_offers(functions, engines), register=register, open_maker=InferMaker)
+    machine = infer_offers(functions, engines, stored_specimens(settings))
+    serve(settings, Stage.INFER, machine=machine, register=register, open_maker=InferMaker)

@@ -76,6 +76,11 @@ def keep_specimens(connection: Connection, specimens: Mapping[str, bytes]) -> No
     insert_ignoring(connection, Specimen, new)
 
 
+def specimen_keys(connection: Connection) -> frozenset[str]:
+    """Return the keys of all stored specimens: a few per numeric class."""
+    return frozenset(connection.scalars(select(Specimen.key)))
+
+
 def stored_specimens(connection: Connection, keys: Iterable[str]) -> dict[str, bytes]:
     """Return those specimens of ``keys`` that are stored."""
     rows = connection.execute(select(Specimen.key, Specimen.data).where(Specimen.key.in_(list(keys))))

@@ -1,5 +1,7 @@
 """``python -m valerie.pipeline.functions.probe render|infer NAME …``: print this machine's offers and specimens as JSON.
 
+Standard input has the keys of stored specimens, which it does not make again.
+
 It runs as a separate process, since a driver may crash and a worker's supervising process never loads GL or torch. There is one
 for each engine, so it imports neither database nor planning.
 """
@@ -142,10 +144,11 @@ _PROBES: Final[dict[str, Callable[[str, Specimens], Sequence[AnyOffer]]]] = {
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print offers and specimens of all names that work, and errors to standard error; return 1 only if nothing works."""
+    """Print offers and new specimens of all names that work, errors to standard error; return 1 only if nothing works."""
     stage, *names = arguments
     offers: list[AnyOffer] = []
-    specimens: Specimens = {}
+    stored = frozenset(sys.stdin.read().split())
+    specimens: Specimens = dict.fromkeys(stored, b"")
     for name in names:
         try:
             offers += _PROBES[stage](name, specimens)
@@ -153,7 +156,8 @@ def main(arguments: Sequence[str]) -> int:
             print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
         except Exception as error:  # a defect of one plug-in must not hide the others
             print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
-    print(Probed(offers=tuple(offers), specimens=specimens).model_dump_json())  # noqa: T201
+    new = {key: data for key, data in specimens.items() if key not in stored}
+    print(Probed(offers=tuple(offers), specimens=new).model_dump_json())  # noqa: T201
     return 0 if offers else 1
 
 

@@ -20,7 +20,7 @@ from valerie.runs.products.specimens import of_image, of_labels, of_truth, speci
 from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
-#: Specimens by key.
+#: Specimens by key. Those that are there already are not made again.
 Specimens = dict[str, bytes]
 
 #: The scene: boxes on paving, one person beside a car and one before a wall, all with shadows.
@@ -57,8 +57,11 @@ def add_prediction(specimens: Specimens, offer: Offer, function: PerceptionFunct
 
 def _add(specimens: Specimens, offer: Offer, make: Callable[[], bytes]) -> None:
     """Add a specimen; one that cannot be made is left out, and its class then agrees with no other."""
+    key = specimen_key(offer)
+    if key in specimens:
+        return
     try:
-        specimens[specimen_key(offer)] = make()
+        specimens[key] = make()
     except Exception as error:  # a plug-in may raise anything, and works without a specimen
         print(f"{offer.name}: no specimen: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
 

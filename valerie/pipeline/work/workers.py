@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from multiprocessing.sharedctypes import RawArray
 from typing import Final, NamedTuple
@@ -24,7 +24,7 @@ from celery.signals import worker_process_init, worker_ready
 
 from valerie.broker import create_celery
 from valerie.db import processes
-from valerie.db.engine import database_time, open_database, unforked, writing
+from valerie.db.engine import database_time, open_database, reading, unforked, writing
 from valerie.db.migrate import require_current
 from valerie.db.processes import WorkerRow
 from valerie.errors import InvalidInput, MissingDependency, TransientError
@@ -129,10 +129,30 @@ class Presence:
                 processes.register_worker(connection, replace(self._worker, seen_at=now))
 
 
-def render_offers(engines: Sequence[str]) -> Probed:
+def stored_specimens(settings: Settings) -> frozenset[str]:
+    """Return the keys of the specimens in the database.
+
+    Raises:
+        Conflict: the database is older or newer than this version.
+        TransientError: the database does not answer.
+    """
+    engine = open_database(settings.database_url, seconds=settings.database_seconds)
+    try:
+        require_current(engine)
+        with reading(engine) as connection:
+            return processes.specimen_keys(connection)
+    finally:
+        engine.dispose()
+
+
+def render_offers(engines: Sequence[str], stored: Collection[str] = ()) -> Probed:
     """Return the offers of render engines here, with their specimens.
 
     Each engine is probed in a separate process, since a driver may crash.
+
+    Args:
+        engines: names of the engines.
+        stored: keys of specimens that are not made again.
 
     Raises:
         MissingDependency: none of ``engines`` works here; states the reasons.
@@ -141,7 +161,7 @@ def render_offers(engines: Sequence[str]) -> Probed:
     specimens: dict[str, bytes] = {}
     complaints: list[str] = []
     for engine in engines:
-        working, complaint = _probe(Stage.RENDER, [engine])
+        working, complaint = _probe(Stage.RENDER, [engine], stored)
         offers += working.offers
         specimens |= working.specimens
         if complaint:
@@ -152,20 +172,21 @@ def render_offers(engines: Sequence[str]) -> Probed:
     return Probed(offers=tuple({offer.route: offer for offer in offers}.values()), specimens=specimens)
 
 
-def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> Probed:
+def infer_offers(functions: Sequence[str], engines: Sequence[str], stored: Collection[str] = ()) -> Probed:
     """Return the offers of functions and inference engines here, with their actual numeric classes and specimens.
 
     Args:
         functions: names of installed functions.
         engines: inference engines for registered functions, from `valerie.pipeline.functions.probe.inference_names`.
+        stored: keys of specimens that are not made again.
 
     Raises:
         MissingDependency: none of ``functions`` works here; states the reason.
     """
     # One process for both, since importing an inference library takes longer than testing it.
-    machine, complaint = _probe(Stage.INFER, [*functions, *engines])
+    machine, complaint = _probe(Stage.INFER, [*functions, *engines], stored)
     if not any(isinstance(offer, FunctionOffer) for offer in machine.offers):
-        machine, complaint = _probe(Stage.INFER, functions)
+        machine, complaint = _probe(Stage.INFER, functions, stored)
     if not machine.offers:
         raise MissingDependency(f"no function under test works on this machine: {complaint}")
     return machine
@@ -196,11 +217,18 @@ class _Answer(NamedTuple):
     complaint: str
 
 
-def _probe(stage: Stage, names: Sequence[str]) -> _Answer:
+def _probe(stage: Stage, names: Sequence[str], stored: Collection[str] = ()) -> _Answer:
     """Run `valerie.pipeline.functions.probe`."""
     command = [sys.executable, "-m", "valerie.pipeline.functions.probe", stage, *names]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_TIMEOUT_SECONDS, check=False)
+        done = subprocess.run(
+            command,
+            input="\n".join(sorted(stored)),
+            capture_output=True,
+            text=True,
+            timeout=_PROBE_TIMEOUT_SECONDS,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         return _Answer(Probed(offers=()), f"it did not answer within {_PROBE_TIMEOUT_SECONDS:g} s")
     complaints = done.stderr.strip().splitlines()

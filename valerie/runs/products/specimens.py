@@ -1,7 +1,7 @@
 """Specimens: what an engine makes of a fixed scene, or a function of a fixed picture, by which numeric classes are compared.
 
-A worker makes them when it starts, and they are stored once per numeric class. Two classes agree if their specimens differ by no
-more than `valerie.runs.products.pins.Bounds`.
+The first worker of a numeric class makes them when it starts, and they are stored once per class and database. Two classes agree
+if their specimens differ by no more than `valerie.runs.products.pins.Bounds`.
 """
 
 from __future__ import annotations

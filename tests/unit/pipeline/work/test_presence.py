@@ -7,11 +7,16 @@ import sqlite3
 import time
 from pathlib import Path
 
+import pytest
+
 from tests.world.world import settings_of
-from valerie.db.engine import open_database
+from valerie.db import processes
+from valerie.db.engine import open_database, reading
 from valerie.db.migrate import migrate
-from valerie.pipeline.work.workers import Presence
+from valerie.errors import Conflict
+from valerie.pipeline.work.workers import Presence, render_offers, stored_specimens
 from valerie.runs.products.pins import Probed
+from valerie.runs.products.specimens import specimen_key
 from valerie.runs.products.states import Stage
 
 
@@ -32,3 +37,32 @@ def test_a_worker_touches_its_file_while_the_database_is_away_and_removes_it_at_
     locked.close()
     presence.leave()
     assert not file.exists()
+
+
+def test_a_worker_makes_only_the_specimens_that_its_database_lacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VALERIE_TESTING_ENGINES", "true")
+    settings = settings_of(tmp_path)
+    with pytest.raises(Conflict, match="valerie migrate"):
+        stored_specimens(settings)
+    engine = open_database(settings.database_url)
+    migrate(engine)
+    assert not stored_specimens(settings)
+    first = render_offers(["blank"], stored_specimens(settings))
+    keys = {specimen_key(offer) for offer in first.offers}
+    assert set(first.specimens) == keys
+    presence = Presence(settings, Stage.RENDER, first)
+    presence.join()
+    presence.leave()
+    assert stored_specimens(settings) == keys
+    again = render_offers(["blank"], stored_specimens(settings))
+    assert (again.offers, again.specimens) == (first.offers, {})
+    missing = specimen_key(first.offers[0])
+    assert set(render_offers(["blank"], keys - {missing}).specimens) == {missing}
+    presence = Presence(settings, Stage.RENDER, again)
+    presence.join()
+    presence.leave()
+    with reading(engine) as connection:
+        assert processes.stored_specimens(connection, keys) == first.specimens
+    engine.dispose()
