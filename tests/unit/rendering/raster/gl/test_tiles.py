@@ -17,7 +17,7 @@ def test_spans_cover_the_pixels_of_the_tiles_once_and_no_others(seed: int, share
     for x0, y0, x1, y1 in GRID.spans(mask):
         painted[y0:y1, x0:x1] += 1
     assert painted.max() <= 1
-    np.testing.assert_array_equal(painted == 1, GRID.pixels(mask, (0, 0, GRID.width, GRID.height)))
+    np.testing.assert_array_equal(painted == 1, GRID.pixels(mask, Area(0, 0, GRID.width, GRID.height)))
 
 
 @given(
