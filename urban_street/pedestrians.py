@@ -24,14 +24,17 @@ PERSON_RADIUS_M: Final = 0.3
 
 @dataclass(frozen=True, slots=True)
 class PersonPlace:
-    """The default place (metres, degrees) and character of a person."""
+    """The default place (metres, degrees), character and pose of a person."""
 
     x: float
     y: float
     heading: float
     character: str
+    pose: str = DEFAULT.pose
 
 
+#: x0, y0, x1, y1 of the positions of people in the street, metres.
+PEOPLE_REACH: Final = (-10.0, 0.0, 20.0, 100.0)
 #: Places in the order of the persons.
 PLACES: Final = (
     PersonPlace(3.0, 20.0, 180.0, "yellow-shirt"),
@@ -45,16 +48,13 @@ PLACES: Final = (
 )
 
 
-def persons(count: int) -> dict[str, PersonPlace]:
-    """Return names and places of the first ``count`` persons."""
-    return {f"person-{number}": spot for number, spot in enumerate(PLACES[:count], start=1)}
-
-
-def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefinition]:
-    """Yield the parameters of one person."""
+def person_parameters(
+    name: str, person: PersonPlace, reach: tuple[float, float, float, float]
+) -> Iterator[ParameterDefinition]:
+    """Yield the parameters of one person, whose x and y are within ``reach`` (x0, y0, x1, y1)."""
     path = f"{ROOT}.{name}"
-    yield number(f"{path}.pos.x", -10.0, 20.0, person.x, Affects.GEOMETRY, "m", "across the street")
-    yield number(f"{path}.pos.y", 0.0, 100.0, person.y, Affects.GEOMETRY, "m", "along the street")
+    yield number(f"{path}.pos.x", reach[0], reach[2], person.x, Affects.GEOMETRY, "m", "across the street")
+    yield number(f"{path}.pos.y", reach[1], reach[3], person.y, Affects.GEOMETRY, "m", "along the street")
     yield angle(f"{path}.heading", person.heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
     yield choice(
         f"{path}.character",
@@ -63,7 +63,7 @@ def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefin
         Affects.GEOMETRY,
         "appearance of the person, or absent",
     )
-    yield choice(f"{path}.pose", POSES, DEFAULT.pose, Affects.GEOMETRY, "pose of the person")
+    yield choice(f"{path}.pose", POSES, person.pose, Affects.GEOMETRY, "pose of the person")
     yield number(
         f"{path}.gait_phase", 0.0, 1.0, DEFAULT.gait_phase, Affects.GEOMETRY, "",
         "share of a walk's cycle after the character's first instant; rounded to 1/16",
@@ -100,5 +100,7 @@ class Crowd:
                 own = f"{name}/{material.name}"
                 self.materials[own] = replace(material, name=own)
             figure = model.renamed(partial("{}/{}".format, name))
+            if person.pose != DEFAULT.pose:
+                figure = figure.taking(replace(DEFAULT, pose=person.pose))
             visible = present and character == person.character
             yield Node(f"{path}.{character}", np.eye(4), figure.meshes, visible=visible, figure=figure)

@@ -26,12 +26,12 @@ class Traffic:
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
 
-    def nodes(self, name: str, at: TrafficPlace, *, shown: bool = False) -> Iterator[Node]:
+    def nodes(self, name: str, at: TrafficPlace) -> Iterator[Node]:
         """Yield the nodes of a vehicle: the top node, then its kinds, or its parts and its rider, who is a separate object."""
         path = f"{ROOT}.{name}"
-        yield Node(path, place(at.x, at.y, 0.0, at.heading), visible=shown)
+        yield Node(path, place(at.x, at.y, 0.0, at.heading), visible=at.shown)
         for number, kind in enumerate(at.kinds):
-            yield Node(f"{path}.{kind}", np.eye(4), visible=False)
+            yield Node(f"{path}.{kind}", np.eye(4), visible=at.shown and number == 0)
             yield from self._vehicle(f"{path}.{kind}", name, build_vehicle(kind, at.seed + number, DEFAULT_PAINT))
         if not at.kinds:
             mount = class_of(name)

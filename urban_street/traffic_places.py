@@ -22,6 +22,8 @@ from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.assets.manifest import Footprint
 from valerie.scene.graph.naming import ROOT
 
+#: x0, y0, x1, y1, metres.
+Box = tuple[float, float, float, float]
 #: Default paint of vehicles in traffic.
 DEFAULT_PAINT: Final = "blue"
 #: Bodies of a car in traffic.
@@ -36,6 +38,7 @@ class TrafficPlace:
         kinds: kinds of a car, of which one or none is visible; empty for a vehicle with a single kind.
         rider: name of its rider's node, if it has a rider.
         seed: seed of its rims and number plate.
+        shown: whether it is there by default, a car in the first of its kinds.
     """
 
     x: float
@@ -44,6 +47,7 @@ class TrafficPlace:
     kinds: tuple[str, ...] = ()
     rider: str = ""
     seed: int = 0
+    shown: bool = False
 
 
 #: Vehicles whose places are the same in every street.
@@ -61,10 +65,12 @@ _FITTED: Final = {
 #: Paths of the vehicles in training scenes. They are fixed, since shipped networks were trained on the draws of each seed.
 TRAINED_ON: Final = tuple(f"{ROOT}.{name}" for name in _FIXED)
 #: A waiting cyclist far down the street, who belongs to the background and has the shape of the moving cyclist.
-WAITING: Final = ("bicycle-100", TrafficPlace(3.1, 57.0, 180.0, rider="rider-100"))
+WAITING: Final = {"bicycle-100": TrafficPlace(3.1, 57.0, 180.0, rider="rider-100", shown=True)}
 
+#: Range of vehicles in the street, metres.
+VEHICLE_REACH: Final[Box] = (-20.0, -30.0, 25.0, 112.0)
 #: Range of vehicles along the street, room before the far end, and step of the search, metres.
-_ALONG: Final = (-30.0, 112.0)
+_ALONG: Final = VEHICLE_REACH[1::2]
 _END_M: Final = 12.0
 _STEP_M: Final = 0.5
 #: Distance between a vehicle's default place and other objects, metres.
@@ -81,7 +87,7 @@ def traffic(layout: StreetLayout) -> dict[str, TrafficPlace]:
     places = dict(_FIXED)
     ground = [shapely.Polygon(footprint.polygon) for footprint in layout.footprints]
     ground += [shapely.Point(person.x, person.y).buffer(PERSON_RADIUS_M) for person in PLACES]
-    ground += [shapely.Polygon(outline) for name, at in (*places.items(), WAITING) for outline in outlines(name, at)]
+    ground += [shapely.Polygon(outline) for name, at in (*places.items(), *WAITING.items()) for outline in outlines(name, at)]
     for name, wish in _FITTED.items():
         places[name] = _fitted(name, wish, layout, shapely.STRtree(ground))
         ground += [shapely.Polygon(outline) for outline in outlines(name, places[name])]
@@ -99,30 +105,31 @@ def outlines(name: str, at: TrafficPlace) -> list[Polygon]:
 
 
 def traffic_obstacles(places: Mapping[str, TrafficPlace]) -> Iterator[Footprint]:
-    """Yield outlines of the vehicles in traffic, and of the waiting cyclist."""
-    for name, at in (*places.items(), WAITING):
+    """Yield outlines of vehicles at their places."""
+    for name, at in places.items():
         for kind, polygon in zip(at.kinds or (class_of(name),), outlines(name, at), strict=True):
             path = f"{ROOT}.{name}.{kind}" if at.kinds else f"{ROOT}.{name}"
             height = max(dimensions(kind)[2], 1.8)
             yield Footprint(path=path, polygon=polygon, reason=f"inside {name}", height_m=height)
 
 
-def traffic_parameters(places: Mapping[str, TrafficPlace]) -> Iterator[ParameterDefinition]:
-    """Yield the parameters of the vehicles in traffic."""
+def traffic_parameters(places: Mapping[str, TrafficPlace], reach: Box) -> Iterator[ParameterDefinition]:
+    """Yield the parameters of the vehicles in traffic, which may be anywhere within ``reach``."""
     for name, at in places.items():
         path = f"{ROOT}.{name}"
         if at.kinds:
-            yield choice(f"{path}.kind", (*at.kinds, ABSENT), ABSENT, Affects.GEOMETRY, "model of the car, or absent")
+            kind = at.kinds[0] if at.shown else ABSENT
+            yield choice(f"{path}.kind", (*at.kinds, ABSENT), kind, Affects.GEOMETRY, "model of the car, or absent")
         else:
-            yield switch(f"{path}.visible", False, Affects.GEOMETRY, "whether it is visible")
-        yield from place_parameters(path, at.x, at.y, at.heading)
+            yield switch(f"{path}.visible", at.shown, Affects.GEOMETRY, "whether it is visible")
+        yield from place_parameters(path, at.x, at.y, at.heading, reach)
         yield choice(f"{path}.colour", tuple(PAINTS), DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
 
 
-def place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[ParameterDefinition]:
-    """Yield position and heading of a vehicle, anywhere in the street."""
-    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "position across the street")
-    yield number(f"{path}.pos.y", *_ALONG, y, Affects.GEOMETRY, "m", "position along the street")
+def place_parameters(path: str, x: float, y: float, heading: float, reach: Box) -> Iterator[ParameterDefinition]:
+    """Yield position and heading of a vehicle, anywhere within ``reach``."""
+    yield number(f"{path}.pos.x", reach[0], reach[2], x, Affects.GEOMETRY, "m", "position across the street")
+    yield number(f"{path}.pos.y", reach[1], reach[3], y, Affects.GEOMETRY, "m", "position along the street")
     yield angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
 
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from urban_street.solids.surfaces import Bag, pose
-from urban_street.street import amenities, furniture, house_styles, road
+from urban_street.street import amenities, furniture, house_styles, road, roadside, signals, swept
 from urban_street.street.houses import add_floor, build_house
 from urban_street.street.layout import HOUSE_STYLES
 from urban_street.street.materials import make_materials, make_textures
 from urban_street.street.plan import Placement, StreetLayout, StreetLines
+from urban_street.street.shapes import Signals
 from urban_street.street.trees import SPECIES, Tree, TreeSettings, build_tree, from_afar, in_season
 from urban_street.vehicles.build import KINDS, build_vehicle, vehicle_seed
 from urban_street.vehicles.content import VehicleContent
@@ -29,12 +30,14 @@ class StreetPart:
         transform: (4, 4), to the parent's frame; to the world for objects.
         meshes: one mesh per material, shared by identity between equal objects.
         light: a lamp at the node's origin.
+        shown: whether it is visible by default.
     """
 
     path: str
     transform: Matrix
     meshes: tuple[Mesh, ...]
     light: Light | None = None
+    shown: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +62,10 @@ def build_street(layout: StreetLayout) -> StreetContent:
             parts.append(StreetPart(placement.path, _transform(placement), workshop.meshes(placement)))
             if placement.kind == "lamp":
                 parts.append(StreetPart(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
+            if isinstance(placement.shape, Signals):
+                for phase in signals.PHASES:
+                    lenses = signals.lenses(placement.shape, phase).meshes()
+                    parts.append(StreetPart(f"{placement.path}.{phase}", np.eye(4), lenses, shown=phase == signals.DEFAULT_PHASE))
     in_use = {mesh.material for part in parts for mesh in part.meshes}
     settings = layout.settings
     all_materials = make_materials(settings.seed) | workshop.materials
@@ -165,6 +172,11 @@ _UNIQUE: dict[str, Callable[[Placement], Bag]] = {
     "bins": lambda placement: furniture.bins(placement.seed),
     "cross-road": road.build_cross_road,
     "side-footway": road.build_side_footway,
+    "sweep": swept.build_sweep,
+    "slab": swept.build_slab,
+    "crash-barrier": roadside.crash_barrier,
+    "tufts": roadside.tufts,
+    "signals": signals.heads,
 }
 
 _SHARED: dict[str, Callable[[], Bag]] = {
@@ -181,4 +193,5 @@ _SHARED: dict[str, Callable[[], Bag]] = {
     "column": amenities.advertising_column,
     "pit": amenities.tree_pit,
     "mast": amenities.mast,
+    "delineator": roadside.delineator,
 }

@@ -101,15 +101,24 @@ def signal() -> Bag:
     bag = Bag()
     bag.add("frame-dark", boxes([[-0.15, -0.1, 2.4]], [[0.15, 0.12, 3.3]]))
     bag.add("frame-dark", boxes([[-0.24, 0.12, 2.3]], [[0.24, 0.135, 3.4]]))
+    for material, z in (("signal-red", 3.15), ("signal-off", 2.85), ("signal-off", 2.55)):
+        bag.add(material, signal_lens(z))
+        bag.add("visor", signal_visor(z))
+    return bag
+
+
+def signal_lens(z: float) -> Surface:
+    """Build a lens of a signal head at a height, facing −y."""
     angle = np.linspace(0.0, 2.0 * np.pi, 17)[:-1]
     circle = np.stack([0.1 * np.cos(angle), np.full(16, -0.105), 0.1 * np.sin(angle)], -1)
-    for material, z in (("signal-red", 3.15), ("signal-off", 2.85), ("signal-off", 2.55)):
-        bag.add(material, fan(circle + np.array([0.0, 0.0, z])))
-        hood = np.linspace(0.15 * np.pi, 0.85 * np.pi, 9)
-        ring = np.stack([0.115 * np.cos(hood), np.zeros(9), z + 0.115 * np.sin(hood)], -1)
-        visor = np.stack([ring + np.array([0.0, -0.1, 0.0]), ring + np.array([0.0, -0.26, -0.01])], 1)
-        bag.add("visor", sheet(visor, flip=True))
-    return bag
+    return fan(circle + np.array([0.0, 0.0, z]))
+
+
+def signal_visor(z: float) -> Surface:
+    """Build the visor above a lens."""
+    hood = np.linspace(0.15 * np.pi, 0.85 * np.pi, 9)
+    ring = np.stack([0.115 * np.cos(hood), np.zeros(9), z + 0.115 * np.sin(hood)], -1)
+    return sheet(np.stack([ring + np.array([0.0, -0.1, 0.0]), ring + np.array([0.0, -0.26, -0.01])], 1), flip=True)
 
 
 def bins(seed: int) -> Bag:

@@ -9,7 +9,7 @@ import numpy as np
 
 from urban_street.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
 from urban_street.street.plan import Season, StreetSettings, lines_of
-from urban_street.street.textures import ground, things, walls
+from urban_street.street.textures import ground, surfacing, things, walls
 from valerie.scene.graph.deferred import DeferredTexture, deferred_textures
 from valerie.scene.graph.model import Material, Texture
 
@@ -60,7 +60,7 @@ def make_textures(settings: StreetSettings) -> dict[str, Texture]:
     textures |= deferred_textures(
         [f"leaves-{k}" for k in range(len(hues))], lambda: [things.leaves(rng, hue) for hue in hues]
     )
-    return textures | _mixed(settings)
+    return textures | _mixed(settings) | _surfacing(settings)
 
 
 def _one(name: str, make: Callable[[], ground.Image]) -> dict[str, Texture]:
@@ -127,6 +127,30 @@ def _mixed(settings: StreetSettings) -> dict[str, Texture]:
     return deferred_textures(names, make)
 
 
+#: Linear colours of grass, and of fields of young grain and of stubble, in summer.
+_GRASS: Color = (0.105, 0.150, 0.042)
+_FIELDS: dict[str, Color] = {"crops": (0.115, 0.185, 0.045), "stubble": (0.36, 0.27, 0.12)}
+
+
+def _surfacing(settings: StreetSettings) -> dict[str, Texture]:
+    """Return the surfaces of the ground of places."""
+    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7009]).spawn(8))
+    textures: dict[str, Texture] = {}
+    for name, tracks in (("asphalt-lane", True), ("asphalt-open", False)):
+        make = partial(surfacing.asphalt, next(streams), surfacing.TILES[name], tracks=tracks)
+        textures |= deferred_textures(_maps(name), make)
+    textures |= deferred_textures(_maps("slabs"), partial(surfacing.slabs, next(streams)))
+    textures |= _one("road-marking", partial(surfacing.marking, next(streams)))
+    textures |= _one("verge", partial(surfacing.verge, next(streams), leaf_color(_GRASS, settings.season)))
+    for name, color in _FIELDS.items():
+        textures |= _one(name, partial(surfacing.crops, next(streams), leaf_color(color, settings.season)))
+    return textures | _one("gravel", partial(surfacing.gravel, next(streams)))
+
+
+def _maps(name: str) -> tuple[str, str, str]:
+    return name, f"{name}-normal", f"{name}-roughness"
+
+
 #: Factors of red, green and blue of a leaf's linear colour, by season.
 _SEASONS: dict[Season, Color] = {
     "spring": (1.35, 1.25, 1.05), "summer": (1.0, 1.0, 1.0), "autumn": (3.4, 1.05, 0.75), "winter": (1.6, 0.8, 0.9),
@@ -165,6 +189,11 @@ def make_materials(seed: int) -> dict[str, Material]:
         Material("sign-face", (1.0, 1.0, 1.0), "signs", roughness=0.45),
         Material("sign-board", (1.0, 1.0, 1.0), "signs", roughness=0.6),
         Material("signal-red", (0.5, 0.02, 0.01), roughness=0.25, emissive=(0.9, 0.03, 0.015)),
+        Material("signal-amber", (0.5, 0.2, 0.01), roughness=0.25, emissive=(0.95, 0.42, 0.015)),
+        Material("signal-green", (0.02, 0.4, 0.2), roughness=0.25, emissive=(0.03, 0.85, 0.42)),
+        Material("delineator", (0.66, 0.66, 0.64), roughness=0.5),
+        Material("reflector", (0.62, 0.60, 0.52), roughness=0.2),
+        Material("galvanised", (0.44, 0.45, 0.46), metallic=0.7, roughness=0.5),
         Material("signal-off", (0.03, 0.035, 0.03), roughness=0.25),
         Material("visor", (0.02, 0.02, 0.02), roughness=0.7, double_sided=True),
         Material("planter", (0.16, 0.10, 0.06), "boards", roughness=0.85),
@@ -199,6 +228,13 @@ def _ground() -> list[Material]:
         Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
         Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
         Material("turf", white, "turf", roughness=0.95),
+        *(
+            Material(name, white, *_maps(name), roughness=1.0)
+            for name in ("asphalt-lane", "asphalt-open", "slabs")
+        ),
+        Material("road-marking", white, "road-marking", roughness=0.72),
+        *(Material(name, white, name, roughness=0.95) for name in ("verge", "crops", "stubble", "gravel")),
+        Material("grass", white, "verge", roughness=0.8, double_sided=True),
     ]
 
 

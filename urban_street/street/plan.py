@@ -8,8 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Point = tuple[float, float]
-Polygon = tuple[Point, ...]
+from urban_street.street.shapes import Point, Polygon, Shape
 
 #: x of the kerbs of a street of default width, metres.
 LEFT_KERB, RIGHT_KERB = -0.8, 5.8
@@ -171,6 +170,7 @@ class Placement:
         size: metres; its meaning depends on the kind (houses: width, depth, number of window axes, index of the door's axis).
             Empty if the kind determines the size.
         variant: index of the shared model or colour of that kind.
+        shape: shape of ground that no few numbers describe.
     """
 
     path: str
@@ -182,6 +182,7 @@ class Placement:
     seed: int = 0
     size: tuple[float, ...] = ()
     variant: int = 0
+    shape: Shape | None = None
 
     @property
     def object_class(self) -> str:
@@ -193,12 +194,13 @@ class Placement:
 class Footprint:
     """Ground on which nobody can stand: ``polygon`` (x, y in metres, counter-clockwise) of the object at ``path``.
 
-    ``height`` (metres) is None for the usual height of the class.
+    ``height`` (metres) is None for the usual height of the class, and ``reason`` is empty for "inside" the object.
     """
 
     path: str
     polygon: Polygon
     height: float | None = None
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)

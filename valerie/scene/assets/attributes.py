@@ -30,6 +30,8 @@ FACING_CLASSES: Final = frozenset(
 )
 
 _PEOPLE: Final = frozenset({"person", "rider"})
+#: Classes whose objects show one of several kinds.
+_CHANGING: Final = FACING_CLASSES - _PEOPLE | {"traffic-light"}
 
 Read = Callable[[Scene, str], Value | None]
 Write = Callable[[Draft, str, Value], None]
@@ -170,8 +172,8 @@ def characters(scene: Scene, path: str) -> tuple[str, ...]:
 
 
 def kinds(scene: Scene, path: str) -> tuple[str, ...]:
-    """Return the kinds of a vehicle: the direct children of its node whose names state no class."""
-    return _looks(scene, path, FACING_CLASSES - _PEOPLE)
+    """Return the kinds of a vehicle, or the phases of a signal: its node's direct children whose names state no class."""
+    return _looks(scene, path, _CHANGING)
 
 
 def _looks(scene: Scene, path: str, classes: frozenset[str]) -> tuple[str, ...]:
