@@ -70,6 +70,7 @@ def site(settings: Settings) -> Site:
         houses=tuple(varied_houses(layout)),
         ways=tuple(ways(layout)),
         trained_on=TRAINED_ON,
+        positions="the generated street, wider than the paper's positions (section 6.1)",
     )
 
 

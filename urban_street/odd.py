@@ -1,4 +1,4 @@
-"""Attributes of an operational design domain for the street's parameters, and sources of their ranges."""
+"""Attributes of an operational design domain for the parameters of generated places, and sources of their ranges."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ class Meaning(NamedTuple):
     source: str = ""
 
 
-_STREET: Final = "the generated street, wider than the paper's positions (section 6.1)"
 #: By path, or by the class of the object at the path.
 _MEANINGS: Final = {
     f"{SUN_PATH}.elevation": Meaning(OddAttribute.ILLUMINATION, "from night to noon in central Europe"),
@@ -30,15 +29,20 @@ _MEANINGS: Final = {
     "person": Meaning(OddAttribute.VULNERABLE_ROAD_USERS),
     "bicycle": Meaning(OddAttribute.NON_MOTOR_VEHICLES),
     **dict.fromkeys(("car", "truck", "bus", "motorcycle"), Meaning(OddAttribute.MOTOR_VEHICLES)),
+    "traffic-light": Meaning(OddAttribute.DRIVABLE_AREA_SIGNS, "all phases of the program"),
     "building": Meaning(OddAttribute.BASIC_STRUCTURES),
 }
 
 
-def with_meaning(definition: ParameterDefinition) -> ParameterDefinition:
-    """Return a declaration with its attribute and source. Cameras and sensors are not part of a domain."""
+def with_meaning(definition: ParameterDefinition, positions: str) -> ParameterDefinition:
+    """Return a declaration with its attribute and source. Cameras and sensors are not part of a domain.
+
+    Args:
+        positions: source of the ranges of positions.
+    """
     thing = definition.path.removeprefix(f"{ROOT}.").partition("-")[0]
     meaning = _MEANINGS.get(definition.path) or _MEANINGS.get(thing)
     if meaning is None:
         return definition
-    source = meaning.source or (_STREET if ".pos." in definition.path else "")
+    source = meaning.source or (positions if ".pos." in definition.path else "")
     return definition.model_copy(update={"odd": meaning.odd, "source": source})

@@ -103,6 +103,7 @@ class Site:
         houses: houses of the layout that can move.
         ways: ground that houses must leave free.
         trained_on: paths of the vehicles in training scenes.
+        reach, positions: the ranges of positions, and their source.
     """
 
     name: str
@@ -118,6 +119,7 @@ class Site:
     ways: tuple[Footprint, ...] = ()
     trained_on: tuple[str, ...] = ()
     reach: Reach = Reach()
+    positions: str = "the generated place"
     sky: Sky = NOON
 
 
@@ -174,7 +176,7 @@ def _manifest(site: Site) -> Manifest:
         description=site.description,
         bearing_deg=site.sky.bearing,
         extent=site.layout.extent,
-        parameters=tuple(map(with_meaning, _parameters(site))),
+        parameters=tuple(with_meaning(definition, site.positions) for definition in _parameters(site)),
         movable=(*paths, *vehicles),
         obstacles=(*_obstacles(site.layout), *traffic_obstacles({**site.vehicles, **site.waiting})),
         ways=site.ways,

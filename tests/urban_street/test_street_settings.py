@@ -12,9 +12,10 @@ import shapely
 from urban_street.solids.surfaces import Bag
 from urban_street.street import amenities
 from urban_street.street.house_styles import BUILDERS
-from urban_street.street.layout import HOUSE_STYLES, layout_street
+from urban_street.street.layout import layout_street
 from urban_street.street.materials import leaf_color, make_materials
 from urban_street.street.plan import Placement, StreetLayout, StreetSettings, lines_of
+from urban_street.street.rows import HOUSE_STYLES
 from urban_street.street.textures import ground
 from urban_street.street.trees import SPECIES, build_tree, from_afar, in_season
 from valerie.errors import InvalidInputs

@@ -10,9 +10,9 @@ import numpy as np
 from urban_street.solids.surfaces import Bag, pose
 from urban_street.street import amenities, furniture, house_styles, road, roadside, signals, swept
 from urban_street.street.houses import add_floor, build_house
-from urban_street.street.layout import HOUSE_STYLES
 from urban_street.street.materials import make_materials, make_textures
 from urban_street.street.plan import Placement, StreetLayout, StreetLines
+from urban_street.street.rows import HOUSE_STYLES
 from urban_street.street.shapes import Signals
 from urban_street.street.trees import SPECIES, Tree, TreeSettings, build_tree, from_afar, in_season
 from urban_street.vehicles.build import KINDS, build_vehicle, vehicle_seed
@@ -176,6 +176,7 @@ _UNIQUE: dict[str, Callable[[Placement], Bag]] = {
     "slab": swept.build_slab,
     "crash-barrier": roadside.crash_barrier,
     "tufts": roadside.tufts,
+    "board": roadside.board,
     "signals": signals.heads,
 }
 
@@ -194,4 +195,6 @@ _SHARED: dict[str, Callable[[], Bag]] = {
     "pit": amenities.tree_pit,
     "mast": amenities.mast,
     "delineator": roadside.delineator,
+    "trolleys": roadside.trolley_shelter,
+    "warning-triangle": roadside.warning_triangle,
 }

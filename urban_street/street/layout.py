@@ -28,17 +28,10 @@ from urban_street.street.plan import (
     rectangle,
     turned_rectangle,
 )
-from urban_street.street.planning import StreetPlan
+from urban_street.street.planning import StreetPlan, seed_of
+from urban_street.street.rows import CORNERS, ENDS, HOUSE_DEPTH, HOUSE_STYLES, NARROW, add_house, bays_of
 from urban_street.vehicles.build import dimensions
 
-#: Styles of houses, and the ones that close a view.
-HOUSE_STYLES = ("brick", "classic", "plain", "gable", "shop", "mansard", "bay", "timber", "modern")
-_ENDS = ("brick", "classic", "plain", "shop", "mansard", "bay", "modern")
-#: Styles of corner houses.
-_CORNERS = ("brick", "classic", "plain", "shop")
-#: Styles whose gables face the street, for narrow plots only.
-_NARROW = {"gable", "timber"}
-HOUSE_DEPTH = 11.0
 #: Depth of houses in a side street, metres: less than the width of the narrowest corner house.
 _SIDE_DEPTH = 7.9
 #: Shares of parked cars by kind.
@@ -74,7 +67,7 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     houses, cars, trees, furniture, ends, cycles = (np.random.default_rng(stream) for stream in streams)
     plan = StreetPlan(settings)
     lines = plan.lines
-    plan.add("road", "carriageway", 0.0, 0.0, seed=_seed(ends))
+    plan.add("road", "carriageway", 0.0, 0.0, seed=seed_of(ends))
     plan.add("sidewalk", "left", 0.0, 0.0)
     plan.add("sidewalk", "right", 0.0, 0.0)
     plan.add("terrain", "outskirts", 0.0, 0.0)
@@ -102,10 +95,6 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     return StreetLayout(settings, tuple(plan.placements), tuple(plan.footprints), tuple(ground), extent)
 
 
-def _seed(rng: np.random.Generator) -> int:
-    return int(rng.integers(2**31))
-
-
 def _place_houses(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Place two rows of houses without gaps except for side streets. Neighbours differ in style; a few have front gardens."""
     for left in (True, False):
@@ -121,11 +110,11 @@ def _place_row(plan: StreetPlan, rng: np.random.Generator, y: float, stop: float
         width = float(rng.uniform(9.0, 15.5))
         if rest < width + 9.0:
             width = rest if rest < 16.0 else 0.5 * rest
-        choices = [style for style in styles if style != previous and not (style in _NARROW and width > 12.5)]
+        choices = [style for style in styles if style != previous and not (style in NARROW and width > 12.5)]
         # The side wall of a corner house is a second front, and the side street's houses begin at its back.
         before, behind = (lines.in_side_street(edge, SIDE_HALF + 0.1, left=left) for edge in (y + width, y))
         if before or behind:
-            choices = [style for style in _CORNERS if style != previous]
+            choices = [style for style in CORNERS if style != previous]
         style = str(rng.choice(choices))
         setback = float(rng.choice([0.0, 0.0, 0.12, 0.3]))
         garden = style in {"brick", "plain", "bay"} and since_garden > 1 and rng.random() < 0.6
@@ -138,9 +127,9 @@ def _place_row(plan: StreetPlan, rng: np.random.Generator, y: float, stop: float
             garden, setback = lines.setback >= 1.5, lines.setback
         front = lines.left_front - setback if left else lines.right_front + setback
         heading, start = (0.5 * math.pi, y) if left else (-0.5 * math.pi, y + width)
-        bays, door = _bays(width, rng)
+        bays, door = bays_of(width, rng)
         house = plan.add(
-            "building", style, front, start, z=plan.lines.kerb_height, heading=heading, seed=_seed(rng),
+            "building", style, front, start, z=plan.lines.kerb_height, heading=heading, seed=seed_of(rng),
             size=(round(width, 3), HOUSE_DEPTH, bays, door, *((1.0 if before == left else -1.0,) if before or behind else ())),
             variant=int(rng.choice([3, 3, 4, 4, 5])),
         )  # fmt: skip
@@ -173,30 +162,12 @@ def _place_side_street(plan: StreetPlan, y: float, rng: np.random.Generator) -> 
                 low, high = sorted((x, x + outward * float(width)))
                 # Fronts face the side street: houses before it (smaller y) face +y.
                 heading, origin = (math.pi, high) if side < 0.0 else (0.0, low)
-                style = str(rng.choice([s for s in _ENDS if s != previous]))
+                style = str(rng.choice([s for s in ENDS if s != previous]))
                 spot = Spot(origin, y + side * SIDE_HALF, heading)
-                _add_house(plan, rng, style, spot, float(width), _SIDE_DEPTH)
+                add_house(plan, rng, style, spot, float(width), _SIDE_DEPTH)
                 previous, x = style, x + outward * float(width)
         heading, origin = (0.5 * math.pi, y - 11.0) if left else (-0.5 * math.pi, y + 11.0)
-        _add_house(plan, rng, "classic", Spot(end, origin, heading), 22.0)
-
-
-def _add_house(
-    plan: StreetPlan, rng: np.random.Generator, style: str, spot: Spot, width: float, depth: float = HOUSE_DEPTH
-) -> None:
-    """Add a house, with the left end of its front at ``spot``, and its footprint; width and depth in metres."""
-    bays, door = _bays(width, rng)
-    house = plan.add(
-        "building", style, spot.x, spot.y, z=plan.lines.kerb_height, heading=spot.heading, seed=_seed(rng),
-        size=(round(width, 3), depth, bays, door), variant=int(rng.integers(4, 6)),
-    )  # fmt: skip
-    plan.block(house, spot.outline((0.0, 0.0), (width, depth)))
-
-
-def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
-    """Return the number of window axes of a front, and the index of the axis with the door."""
-    bays = max(round(width / float(rng.uniform(2.35, 2.9))), 3)
-    return bays, int(rng.integers(bays))
+        add_house(plan, rng, "classic", Spot(end, origin, heading), 22.0)
 
 
 def _place_garden(
@@ -227,7 +198,7 @@ def _place_garden(
             x,
             start + 0.2,
             z=plan.lines.kerb_height,
-            seed=_seed(rng),
+            seed=seed_of(rng),
             size=(0.6, stop - start - 0.4, 0.9),
         )
         plan.block(hedge, rectangle(x - 0.3, start + 0.2, x + 0.3, stop - 0.2))
@@ -244,8 +215,8 @@ def _place_ends(plan: StreetPlan, rng: np.random.Generator) -> None:
         x, previous = first, ""
         while x < last:
             width = float(rng.uniform(11.0, 16.0))
-            style = str(rng.choice([s for s in _ENDS if s != previous]))
-            _add_house(plan, rng, style, Spot(x if direction > 0 else x + width, y, heading), width)
+            style = str(rng.choice([s for s in ENDS if s != previous]))
+            add_house(plan, rng, style, Spot(x if direction > 0 else x + width, y, heading), width)
             previous = style
             x += width
 
@@ -272,7 +243,7 @@ def _place_cars(plan: StreetPlan, rng: np.random.Generator) -> None:
             x = plan.lines.left_kerb + inset if left else plan.lines.right_kerb - inset
             backwards = rng.random() < 0.18
             car = plan.add(
-                "car", kind, x, y + 0.5 * length, seed=_seed(rng), variant=int(rng.integers(CAR_MODELS)),
+                "car", kind, x, y + 0.5 * length, seed=seed_of(rng), variant=int(rng.integers(CAR_MODELS)),
                 heading=_whole(180.0 * backwards + float(rng.normal(0.0, 0.46))),
             )  # fmt: skip
             plan.block(
@@ -443,9 +414,9 @@ def _place_along_walls(plan: StreetPlan, rng: np.random.Generator, *, left: bool
         if rng.random() < 0.5:
             size = (0.5, 1.1)
             planter = plan.add(
-                "vegetation", "planter", x, float(y) - 0.55, z=plan.lines.kerb_height, seed=_seed(rng), size=size
+                "vegetation", "planter", x, float(y) - 0.55, z=plan.lines.kerb_height, seed=seed_of(rng), size=size
             )
             plan.block(planter, rectangle(x - 0.25, planter.y, x + 0.25, planter.y + 1.1))
         else:
-            bins = plan.add("static", "bins", x, float(y), z=plan.lines.kerb_height, heading=heading, seed=_seed(rng))
+            bins = plan.add("static", "bins", x, float(y), z=plan.lines.kerb_height, heading=heading, seed=seed_of(rng))
             plan.block(bins, rectangle(x - 0.36, bins.y - 0.65, x + 0.36, bins.y + 0.65))

@@ -134,7 +134,7 @@ _FIELDS: dict[str, Color] = {"crops": (0.115, 0.185, 0.045), "stubble": (0.36, 0
 
 def _surfacing(settings: StreetSettings) -> dict[str, Texture]:
     """Return the surfaces of the ground of places."""
-    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7009]).spawn(8))
+    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7009]).spawn(9))
     textures: dict[str, Texture] = {}
     for name, tracks in (("asphalt-lane", True), ("asphalt-open", False)):
         make = partial(surfacing.asphalt, next(streams), surfacing.TILES[name], tracks=tracks)
@@ -144,7 +144,9 @@ def _surfacing(settings: StreetSettings) -> dict[str, Texture]:
     textures |= _one("verge", partial(surfacing.verge, next(streams), leaf_color(_GRASS, settings.season)))
     for name, color in _FIELDS.items():
         textures |= _one(name, partial(surfacing.crops, next(streams), leaf_color(color, settings.season)))
-    return textures | _one("gravel", partial(surfacing.gravel, next(streams)))
+    textures |= _one("gravel", partial(surfacing.gravel, next(streams)))
+    textures |= _one("hatching", partial(surfacing.hatching, next(streams)))
+    return textures | _one("exit-boards", things.exit_boards)
 
 
 def _maps(name: str) -> tuple[str, str, str]:
@@ -192,6 +194,8 @@ def make_materials(seed: int) -> dict[str, Material]:
         Material("signal-amber", (0.5, 0.2, 0.01), roughness=0.25, emissive=(0.95, 0.42, 0.015)),
         Material("signal-green", (0.02, 0.4, 0.2), roughness=0.25, emissive=(0.03, 0.85, 0.42)),
         Material("delineator", (0.66, 0.66, 0.64), roughness=0.5),
+        Material("exit-board", (1.0, 1.0, 1.0), "exit-boards", roughness=0.45),
+        Material("reflector-red", (0.55, 0.02, 0.015), roughness=0.2),
         Material("reflector", (0.62, 0.60, 0.52), roughness=0.2),
         Material("galvanised", (0.44, 0.45, 0.46), metallic=0.7, roughness=0.5),
         Material("signal-off", (0.03, 0.035, 0.03), roughness=0.25),
@@ -233,7 +237,7 @@ def _ground() -> list[Material]:
             for name in ("asphalt-lane", "asphalt-open", "slabs")
         ),
         Material("road-marking", white, "road-marking", roughness=0.72),
-        *(Material(name, white, name, roughness=0.95) for name in ("verge", "crops", "stubble", "gravel")),
+        *(Material(name, white, name, roughness=0.95) for name in ("verge", "crops", "stubble", "gravel", "hatching")),
         Material("grass", white, "verge", roughness=0.8, double_sided=True),
     ]
 

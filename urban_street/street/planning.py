@@ -6,18 +6,29 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import shapely
 
 from urban_street.street.plan import (
     Footprint,
+    GroundRegion,
     Placement,
     Point,
     Polygon,
     Spot,
+    StreetLayout,
     StreetLines,
     StreetSettings,
+    disc,
     lines_of,
 )
+from urban_street.street.shapes import Slab, Sweep
+from urban_street.vehicles.build import KINDS, dimensions
+
+
+def seed_of(rng: np.random.Generator) -> int:
+    """Draw the seed of an object."""
+    return int(rng.integers(2**31))
 
 
 class StreetPlan:
@@ -28,6 +39,7 @@ class StreetPlan:
         self.lines: StreetLines = lines_of(settings)
         self.placements: list[Placement] = []
         self.footprints: list[Footprint] = []
+        self.ground: list[GroundRegion] = []
         self._numbers: Counter[str] = Counter()
         self._taken: list[shapely.Polygon] = []
 
@@ -39,9 +51,9 @@ class StreetPlan:
         self.placements.append(placement)
         return placement
 
-    def block(self, placement: Placement, polygon: Polygon, height: float | None = None) -> None:
+    def block(self, placement: Placement, polygon: Polygon, height: float | None = None, reason: str = "") -> None:
         """Add the footprint of an object (see `Footprint`)."""
-        self.footprints.append(Footprint(placement.path, polygon, height))
+        self.footprints.append(Footprint(placement.path, polygon, height, reason))
         self._taken.append(shapely.Polygon(polygon))
 
     def is_free(self, polygon: Polygon, margin: float) -> bool:
@@ -68,3 +80,39 @@ class StreetPlan:
         placement = self.add(object_class, kind, spot.x, spot.y, z=z, heading=heading, **more)
         self.block(placement, polygon, height)
         return placement
+
+    def sweep(self, sweep: Sweep) -> None:
+        """Add the ground of a place, one object for each of its classes."""
+        for object_class in dict.fromkeys(strip.object_class for strip in sweep.strips):
+            self.add(object_class, "sweep", 0.0, 0.0, shape=sweep)
+
+    def slab(self, outline: Polygon, height: float, material: str = "slabs") -> None:
+        """Add a pavement or an island, whose ground is ``height`` metres higher."""
+        self.add("sidewalk", "slab", 0.0, 0.0, shape=Slab(outline, height, material))
+        self.ground.append(GroundRegion(outline, height))
+
+    def stand(
+        self, object_class: str, kind: str, spot: Spot, radius: float, *, height: float | None = None, **more: Any
+    ) -> Placement:
+        """Place an object on the ground at ``spot``, where it takes a disc (metres; ``height``: see `Footprint`)."""
+        z = self.height(spot.x, spot.y)
+        placement = self.add(object_class, kind, spot.x, spot.y, **{"z": z, "heading": spot.heading, **more})
+        self.block(placement, disc(spot.x, spot.y, radius), height)
+        return placement
+
+    def park(self, kind: str, spot: Spot, variant: int = 0) -> Placement:
+        """Place a vehicle on the ground, with the outline of its kind."""
+        length, width, _ = dimensions(kind)
+        z = self.height(spot.x, spot.y)
+        vehicle = self.add(KINDS[kind], kind, spot.x, spot.y, z=z, heading=spot.heading, variant=variant)
+        self.block(vehicle, spot.outline((-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)))
+        return vehicle
+
+    def height(self, x: float, y: float) -> float:
+        """Return the height of the slabs at a place, metres."""
+        under = (r.height for r in reversed(self.ground) if shapely.intersects_xy(shapely.Polygon(r.polygon), x, y))
+        return next(under, 0.0)
+
+    def layout(self, extent: tuple[float, float, float, float]) -> StreetLayout:
+        """Return the finished plan, within x0, y0, x1, y1."""
+        return StreetLayout(self.settings, tuple(self.placements), tuple(self.footprints), tuple(self.ground), extent)

@@ -47,7 +47,7 @@ class Sweep:
         line: the line's corners, metres; the cross-section's right is the line's right.
         edge: left edge of the first strip.
         strips: the strips from left to right.
-        marks: markings, each within one strip whose edges are straight.
+        marks: markings, on strips whose edges are straight there.
         step: longest piece along the line, metres.
     """
 

@@ -21,7 +21,7 @@ PHASES: Final[dict[str, dict[str, tuple[str, ...]]]] = {
     "across-green": {"along": ("red",), "across": ("green",), "over-along": ("green",), "over-across": ("red",)},
     "out-of-order": {},
 }
-DEFAULT_PHASE: Final = "along-green"
+DEFAULT_PHASE: Final = "across-green"
 
 
 def _lamps(group: str) -> dict[str, float]:

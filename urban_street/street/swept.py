@@ -74,8 +74,9 @@ def _add_strip(
     marks: tuple[Mark, ...],
 ) -> None:  # fmt: skip
     left, right = edges
-    mine = [m for m in marks if left.min() - 1e-6 <= m.across[0] and m.across[1] <= right.max() + 1e-6]
-    inner = sorted({round(t, 4) for m in mine for t in m.across if left.min() + 1e-3 < t < right.max() - 1e-3})
+    low, high = left.max() + 1e-3, right.min() - 1e-3
+    mine = [mark for mark in marks if mark.across[0] < high and mark.across[1] > low]
+    inner = sorted({round(t, 4) for mark in mine for t in mark.across if low < t < high})
     columns = [left, *(np.full_like(cuts, t) for t in inner), right]
     share = [np.where(right > left, (c - left) / np.maximum(right - left, 1e-9), 0.0) for c in columns]
     z = [heights[0] + s * (heights[1] - heights[0]) for s in share]

@@ -20,6 +20,7 @@ TILES: Final = {
     "crops": (3.0, 6.0),
     "stubble": (3.0, 6.0),
     "gravel": (1.5, 1.5),
+    "hatching": (4.0, 4.0),
 }
 _SIZE: Final = 1024
 
@@ -125,3 +126,14 @@ def gravel(rng: np.random.Generator) -> Image:
     cloud = band_noise(shape, rng, longest=300, shortest=30)
     tone = 0.24 * np.clip(1.0 + 0.36 * stones + 0.12 * cloud, 0.15, 2.0)
     return srgb8(tone[..., None] * np.array([1.0, 0.94, 0.84]))
+
+
+def hatching(rng: np.random.Generator) -> Image:
+    """Return asphalt with slanted white bars, (512, 512, 3) sRGB, 4 m: the ground between a road and its exit."""
+    shape = (512, 512)
+    place = (np.arange(512, dtype=np.float32) + 0.5) / 512
+    phase = (place[None] + place[:, None]) % 1.0
+    wear = smoothstep(0.8, 1.9, band_noise(shape, rng, longest=60, shortest=3, slope=0.7))
+    cover = (smoothstep(0.008, -0.008, np.abs(phase - 0.5) - 0.125) * (1.0 - 0.8 * wear))[..., None]
+    grain = 1.0 + 0.09 * band_noise(shape, rng, longest=5, slope=0.0)[..., None]
+    return srgb8((np.array([0.118, 0.116, 0.113]) * (1.0 - cover) + np.array([0.60, 0.59, 0.56]) * cover) * grain)

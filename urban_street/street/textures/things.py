@@ -162,6 +162,45 @@ def sign_faces() -> Image:
     return srgb8(gaussian_filter(picture, (0.6, 0.6, 0.0)))
 
 
+#: Letters of the boards, 5 × 7.
+_LETTERS = {
+    "A": "01110 10001 10001 11111 10001 10001 10001", "F": "11111 10000 10000 11110 10000 10000 10000",
+    "H": "10001 10001 10001 11111 10001 10001 10001", "R": "11110 10001 10001 11110 10100 10010 10001",
+    "S": "01111 10000 10000 01110 00001 00001 11110", "T": "11111 00100 00100 00100 00100 00100 00100",
+    "U": "10001 10001 10001 10001 10001 10001 01110",
+}  # fmt: skip
+
+
+def _written(text: str, height: int) -> NDArray[np.floating]:
+    """Return capitals as a mask in 0…1, about ``height`` pixels high."""
+    rows = [[[float(bit) for bit in row] for row in _LETTERS[letter].split()] for letter in text]
+    dots = np.concatenate([np.pad(np.array(letter), ((1, 1), (0, 1))) for letter in rows], axis=1)
+    scale = height // 7
+    solid = np.kron(dots, np.ones((scale, scale)))
+    return smoothstep(0.26, 0.44, gaussian_filter(solid, 0.38 * scale))
+
+
+def exit_boards() -> Image:
+    """Return the board at an exit above the one before it, blue with white letters and arrow, (512, 512, 3) sRGB."""
+    y, x = (np.mgrid[0:256, 0:512] + 0.5) / 128.0
+    picture = []
+    for words in (("AUSFAHRT",), ("STRAUFURT", "TRAUSTATT")):
+        edge = np.minimum(np.minimum(x, 4.0 - x), np.minimum(y, 2.0 - y))
+        white = smoothstep(0.05, 0.065, edge) * smoothstep(0.115, 0.10, edge)
+        for k, word in enumerate(words):
+            mask = _written(word, 42)
+            top, left = 128 + round(64 * (k - 0.5 * len(words))), 30
+            white[top : top + mask.shape[0], left : left + mask.shape[1]] += mask
+        # an arrow to the upper right
+        u, v = 0.7071 * (x - 3.45), 0.7071 * (y - 1.0)
+        along, aside = u - v, np.abs(u + v)
+        shaft = smoothstep(0.09, 0.07, aside) * smoothstep(-0.42, -0.40, along) * smoothstep(0.22, 0.20, along)
+        head = smoothstep(-0.01, 0.01, 0.46 - along - 1.1 * aside) * smoothstep(0.12, 0.14, along)
+        white = np.clip(np.maximum(white, np.maximum(shaft, head)), 0.0, 1.0)[..., None]
+        picture.append(np.array([0.012, 0.075, 0.36]) * (1.0 - white) + 0.78 * white)
+    return srgb8(np.concatenate(picture))
+
+
 def hedge(rng: np.random.Generator) -> Image:
     """Return clipped foliage with dark gaps, (256, 256, 3) sRGB, 1 m."""
     noise = band_noise((256, 256), rng, longest=14, shortest=3, slope=0.3)

@@ -85,6 +85,8 @@ class AssetPack(Protocol):
 
 #: Names of asset packs, and their modules.
 PACKS: Final = PluginKind("asset", "valerie.assets")
+#: Those of the packs that apply if none is named.
+_DEFAULTS: Final = PluginKind("asset", "valerie.default_asset")
 
 
 def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
@@ -98,12 +100,12 @@ def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
 
 
 def default_pack() -> str:
-    """Return the pack that applies if none is named: the first, so this distribution's own.
+    """Return the pack that applies if none is named: the declared default, this distribution's first.
 
     Raises:
         MissingDependency: no pack is installed.
     """
-    if not (names := PACKS.names()):
+    if not (names := (*_DEFAULTS.names(), *PACKS.names())):
         raise MissingDependency(f"no asset pack is installed (entry points of {PACKS.group})")
     return names[0]
 
