@@ -190,8 +190,8 @@ sensor-strip: setup-dev ## Render docs/images/sensor.jpg: one frame behind each 
 	@exec $(PYTHON_BIN) -m tools.sensor_strip
 
 .PHONY: gallery
-gallery: setup-dev ## Render docs/images/gallery.jpg and one large picture per engine (minutes; Cycles after `make cycles`)
-	@exec $(PYTHON_BIN) -m tools.gallery
+gallery: setup-dev ## Render docs/images/gallery.jpg, places.jpg, one large picture per engine (minutes; Cycles after `make cycles`)
+	@$(PYTHON_BIN) -m tools.gallery && exec $(PYTHON_BIN) -m tools.place_sheet
 
 .PHONY: screenshots
 screenshots: setup-dev ## Take the dashboard's pictures of docs/images/ from the first run (minutes; Chromium)

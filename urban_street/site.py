@@ -18,8 +18,7 @@ from urban_street.human.stances import GAITS
 from urban_street.odd import with_meaning
 from urban_street.pedestrians import PEOPLE_REACH, PERSON_RADIUS_M, Crowd, PersonPlace, person_parameters
 from urban_street.street.plan import Placement, Season, StreetLayout
-from urban_street.street.shapes import Signals
-from urban_street.street.signals import DEFAULT_PHASE, PHASES
+from urban_street.street.shapes import DEFAULT_PHASE, PHASES, Signals
 from urban_street.traffic_places import (
     VEHICLE_REACH,
     TrafficPlace,

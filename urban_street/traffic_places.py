@@ -87,7 +87,9 @@ def traffic(layout: StreetLayout) -> dict[str, TrafficPlace]:
     places = dict(_FIXED)
     ground = [shapely.Polygon(footprint.polygon) for footprint in layout.footprints]
     ground += [shapely.Point(person.x, person.y).buffer(PERSON_RADIUS_M) for person in PLACES]
-    ground += [shapely.Polygon(outline) for name, at in (*places.items(), *WAITING.items()) for outline in outlines(name, at)]
+    ground += [
+        shapely.Polygon(outline) for name, at in (*places.items(), *WAITING.items()) for outline in outlines(name, at)
+    ]
     for name, wish in _FITTED.items():
         places[name] = _fitted(name, wish, layout, shapely.STRtree(ground))
         ground += [shapely.Polygon(outline) for outline in outlines(name, places[name])]

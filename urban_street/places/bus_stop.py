@@ -22,7 +22,7 @@ from urban_street.traffic_places import CAR_KINDS, TrafficPlace
 _HALF, _BAY, _PAVEMENT = 3.5, 2.9, 4.6
 #: y of the bay's corners: where it begins, is deep, is no longer deep, and ends.
 _ALONG: Final = (3.0, 11.0, 38.0, 46.0)
-_START, _STOP, _SIDE = -60.0, 130.0, 60.0
+_START, _STOP, _SIDE, _ROUND = -60.0, 130.0, 60.0, 4.0
 #: Place of the shelter, and of the stop's flag, metres.
 _SHELTER, _FLAG = (_HALF + _BAY + 2.1, 19.0), (_HALF + _BAY + 0.6, 35.0)
 _PEOPLE: Final = (
@@ -51,7 +51,8 @@ def site(settings: Settings) -> Site:
     plan.sweep(_ground())
     ends = (_HALF, _HALF + _BAY, _HALF + _BAY, _HALF)
     kerb = [(_HALF, _START), *zip(ends, _ALONG, strict=True), (_HALF, _STOP)]
-    plan.slab(outline_of(shapely.Polygon([*kerb, (_SIDE, _STOP), (_SIDE, _START)])), 0.12)
+    pavement = shapely.Polygon([*kerb, (_SIDE, _STOP), (_SIDE, _START)])
+    plan.slab(outline_of(pavement.buffer(-_ROUND).buffer(2.0 * _ROUND).buffer(-_ROUND)), 0.12)
     plan.slab(outline_of(shapely.box(-_SIDE, _START, -_HALF, _STOP)), 0.12)
     left, right = -_HALF - _PAVEMENT, _HALF + _BAY + _PAVEMENT
     add_row(plan, rng, Spot(left, -50.0, 0.5 * math.pi), 160.0)
@@ -65,7 +66,8 @@ def site(settings: Settings) -> Site:
         plan.stand("static", "litter-bin", Spot(_HALF + 0.6, y, 0.0), 0.24, height=1.1)
     for x, y in ((left + 0.5, 14.0), (left + 0.5, 47.0), (right - 0.5, 48.0)):
         plan.stand("static", "cabinet", Spot(x, y, math.copysign(0.5 * math.pi, -x)), 0.65, seed=seed_of(rng))
-    sign(plan, 2, Spot(_HALF + 0.5, 0.6, 0.0))
+    sign(plan, 2, Spot(-_HALF - 0.5, 29.0, math.pi))
+    sign(plan, 5, Spot(_HALF + 0.5, 49.5, 0.0))
     for kind, y in (("hatchback", 47.5), ("estate", 54.0), ("suv", 66.0), ("sedan", 72.5)):
         plan.park(kind, Spot(-_HALF + 1.1, y, math.pi), int(rng.integers(8)))
     extent = (-8.0, -30.0, 11.0, 100.0)
@@ -79,7 +81,9 @@ def site(settings: Settings) -> Site:
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
             "bus-101": TrafficPlace(_HALF + 1.55, 30.2, 0.0, shown=True),
-            "car-101": TrafficPlace(-1.2, 36.0, 180.0, ("hatchback", *(k for k in CAR_KINDS if k != "hatchback")), shown=True),
+            "car-101": TrafficPlace(
+                -1.2, 36.0, 180.0, ("hatchback", *(k for k in CAR_KINDS if k != "hatchback")), shown=True
+            ),
             "bicycle-101": TrafficPlace(2.6, 12.0, 0.0, rider="rider-101"),
             "truck-101": TrafficPlace(1.75, 60.0, 0.0),
         },
@@ -105,7 +109,12 @@ def _add_stop(plan: StreetPlan) -> None:
     x, y = _SHELTER
     spot = Spot(x, y, -0.5 * math.pi)
     shelter = plan.add("static", "shelter", x, y, z=plan.height(x, y), heading=spot.heading)
-    for low, high in (((-2.2, 1.0), (2.2, 1.45)), ((-2.2, -0.15), (-1.9, 1.4)), ((1.8, -0.15), (2.2, 1.4)), ((-1.7, 0.65), (1.4, 1.1))):
+    for low, high in (
+        ((-2.2, 1.0), (2.2, 1.45)),
+        ((-2.2, -0.15), (-1.9, 1.4)),
+        ((1.8, -0.15), (2.2, 1.4)),
+        ((-1.7, 0.65), (1.4, 1.1)),
+    ):
         plan.block(shelter, spot.outline(low, high), 2.6)
     x, y = _FLAG
     post = plan.stand("pole", "post", Spot(x, y, 0.0), 0.05)

@@ -20,14 +20,17 @@ from urban_street.traffic_places import CAR_KINDS, TrafficPlace
 #: Half width of an aisle, depth and width of a bay, width of a planted island, metres.
 _AISLE, _BAY, _WIDE, _ISLAND = 3.1, 5.1, 2.6, 1.6
 #: Ends of the rows, and of the ground, metres.
-_ROWS, _START, _STOP, _SIDE = (-23.4, 49.4), -60.0, 130.0, 90.0
+_ROWS, _START, _STOP, _SIDE = (-18.2, 49.0), -60.0, 130.0, 90.0
 #: Middles of the aisles.
 _AISLES: Final = tuple((2.0 * (_AISLE + _BAY) + _ISLAND) * k for k in (-1, 0, 1))
-#: Share of bays with a car, and of parked cars by kind.
-_TAKEN: Final = 0.78
+#: Shares of bays with a car at the middle aisle and at the others, and of parked cars by kind.
+_TAKEN: Final = (0.42, 0.8, 0.42)
 _KINDS: Final = {"hatchback": 0.36, "sedan": 0.14, "estate": 0.2, "suv": 0.24, "van": 0.06}
-#: Bays that stay free: aisle, side, number along the row; the trolleys take the first.
-_FREE: Final = {(1, 1.0, 14), (1, -1.0, 12), (1, 1.0, 11), (1, -1.0, 16), (1, -1.0, 9), (1, 1.0, 9), (1, 1.0, 17)}
+#: Bays that stay free (aisle, side, number along the row), and the one of the trolleys.
+_FREE: Final = {(1, 1.0, 9), (1, -1.0, 10), (1, -1.0, 14), (1, 1.0, 12), (1, 1.0, 15)}
+#: Bays before this one, which no camera sees, are empty.
+_FIRST: Final = 3
+_TROLLEYS: Final = (1, 1.0, 16)
 _PEOPLE: Final = (
     PersonPlace(0.9, 12.0, 170.0, "yellow-shirt"),
     PersonPlace(-4.6, 8.9, 285.0, "red-coat", "phone"),
@@ -83,7 +86,9 @@ def site(settings: Settings) -> Site:
         cameras=CAMERAS,
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
-            "car-101": TrafficPlace(-1.6, 40.0, 180.0, ("suv", *(kind for kind in CAR_KINDS if kind != "suv")), shown=True),
+            "car-101": TrafficPlace(
+                -1.6, 40.0, 180.0, ("suv", *(kind for kind in CAR_KINDS if kind != "suv")), shown=True
+            ),
             "bicycle-101": TrafficPlace(1.9, 20.0, 0.0, rider="rider-101"),
             "motorcycle-101": TrafficPlace(1.8, 26.0, 0.0, rider="rider-102"),
         },
@@ -101,7 +106,11 @@ def _ground() -> Sweep:
     count = round((high - low) / _WIDE)
     for aisle in _AISLES:
         inner, outer = aisle - _AISLE, aisle + _AISLE
-        strips += [Strip("road", "asphalt-open", inner), Strip("road", "asphalt-open", outer), Strip("road", "asphalt-open", outer + _BAY)]
+        strips += [
+            Strip("road", "asphalt-open", inner),
+            Strip("road", "asphalt-open", outer),
+            Strip("road", "asphalt-open", outer + _BAY),
+        ]
         strips += [Strip("road", "asphalt-open", outer + _BAY + _ISLAND)]
         for x0, x1 in ((inner - _BAY, inner), (outer, outer + _BAY)):
             marks += [Mark((low + _WIDE * k - 0.05, low + _WIDE * k + 0.05), (x0, x1)) for k in range(count + 1)]
@@ -114,15 +123,17 @@ def _add_cars(plan: StreetPlan, rng: np.random.Generator) -> None:
     count = round((_ROWS[1] - _ROWS[0]) / _WIDE)
     for number, aisle in enumerate(_AISLES):
         for side in (-1.0, 1.0):
-            for k in range(count):
+            for k in range(_FIRST, count):
                 x, y = aisle + side * (_AISLE + 0.5 * _BAY), _ROWS[0] + _WIDE * (k + 0.5)
-                if (number, side, k) == (1, 1.0, 17):
+                if (number, side, k) == _TROLLEYS:
                     plan.stand("static", "trolleys", Spot(x, y, 0.5 * math.pi), 1.3, height=2.6)
-                elif rng.random() < _TAKEN and (number, side, k) not in _FREE:
+                elif rng.random() < _TAKEN[number] and (number, side, k) not in _FREE:
                     nose = 90.0 if (rng.random() < 0.75) == (side < 0) else 270.0
                     turn = nose + float(rng.normal(0.0, 1.0))
                     shift = float(rng.uniform(-0.15, 0.15))
-                    spot = Spot(round(x + shift, 3), round(y + float(rng.normal(0.0, 0.08)), 3), math.radians(round(turn, 3)))
+                    spot = Spot(
+                        round(x + shift, 3), round(y + float(rng.normal(0.0, 0.08)), 3), math.radians(round(turn, 3))
+                    )
                     plan.park(picked(rng, _KINDS), spot, int(rng.integers(8)))
 
 

@@ -6,6 +6,7 @@ The wide street runs along y, the narrow one along x. By default the narrow stre
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -76,7 +77,12 @@ def site(settings: Settings) -> Site:
         ("sedan", -2.6, 36.9, 180.0), ("van", -5.9, 37.4, 180.0), ("hatchback", -2.6, 44.0, 180.0),
     ):  # fmt: skip
         plan.park(kind, Spot(x, y, math.radians(turn)), int(rng.integers(6)))
-    for kind, x, y in (("bench", 10.6, 38.0), ("litter-bin", 8.1, 33.8), ("litter-bin", -8.1, 5.2), ("column", -10.2, 2.0)):
+    for kind, x, y in (
+        ("bench", 10.6, 38.0),
+        ("litter-bin", 8.1, 33.8),
+        ("litter-bin", -8.1, 5.2),
+        ("column", -10.2, 2.0),
+    ):
         plan.stand("static", kind, Spot(x, y, 0.5 * math.pi if x > 0 else -0.5 * math.pi), 0.8, height=_TALL.get(kind))
     extent = (-40.0, -40.0, 40.0, 100.0)
     layout = plan.layout(extent)
@@ -88,7 +94,9 @@ def site(settings: Settings) -> Site:
         cameras=CAMERAS,
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
-            "car-101": TrafficPlace(-13.0, 18.1, 270.0, ("sedan", *(k for k in CAR_KINDS if k != "sedan")), shown=False),
+            "car-101": TrafficPlace(
+                -13.0, 18.1, 270.0, ("sedan", *(k for k in CAR_KINDS if k != "sedan")), shown=False
+            ),
             "bicycle-101": TrafficPlace(4.4, 21.9, 90.0, rider="rider-101", shown=True),
             "bus-101": TrafficPlace(-5.8, 62.0, 180.0),
         },
@@ -140,7 +148,9 @@ def _corner(*, left: bool, near: bool) -> tuple[tuple[float, float], ...]:
     x, y = (x1 if left else x0), (y1 if near else y0)
     inner = (x + (-_CORNER if left else _CORNER), y + (-_CORNER if near else _CORNER))
     square = shapely.MultiPoint([(x, y), inner]).envelope
-    return outline_of(quarter.difference(square).union(square.intersection(shapely.Point(inner).buffer(_CORNER, quad_segs=10))))
+    return outline_of(
+        quarter.difference(square).union(square.intersection(shapely.Point(inner).buffer(_CORNER, quad_segs=10)))
+    )
 
 
 def _add_houses(plan: StreetPlan, rng: np.random.Generator) -> None:
@@ -166,13 +176,8 @@ def _add_houses(plan: StreetPlan, rng: np.random.Generator) -> None:
 def _add_signals(plan: StreetPlan) -> None:
     """Add posts and masts, and the heads of all groups."""
     quarter, half = 0.5 * math.pi, math.pi
-    kerb, heads = 0.12, list[Head]()
-    for turn in (0.0, half):  # the crossing is the same from both sides
-
-        def spot(x: float, y: float, heading: float) -> Spot:
-            way = math.cos(turn)
-            return Spot(way * x, _MIDDLE + way * (y - _MIDDLE), heading + turn)
-
+    heads: list[Head] = []
+    for way, turn in ((1.0, 0.0), (-1.0, half)):  # the crossing is the same from both sides
         posts = {
             "along": [(0.0, 6.2, 0.0)],
             "across": [(17.4, _MIDDLE + _ACROSS + 0.6, quarter)],
@@ -180,12 +185,14 @@ def _add_signals(plan: StreetPlan) -> None:
             "over-across": [(16.4, _MIDDLE + _ACROSS + 0.6, 0.0), (16.4, _MIDDLE - _ACROSS - 0.6, half)],
         }
         for group, places in posts.items():
-            for place in places:
-                post = plan.stand("pole", "signal-post", spot(*place), 0.07)
-                heads.append(_head(spot(*place), group, post.z))
-        mast = plan.stand("pole", "mast", spot(_ALONG + 0.6, 5.9, half), 0.12)
-        heads.append(_head(spot(_ALONG + 0.6, 5.9, 0.0), "along", mast.z))
-        heads.append(_head(spot(_ALONG + 0.6 - 3.4, 5.95, 0.0), "along", kerb + 2.15))
+            for x, y, heading in places:
+                spot = Spot(way * x, _MIDDLE + way * (y - _MIDDLE), heading + turn)
+                post = plan.stand("pole", "signal-post", spot, 0.07)
+                heads.append(_head(spot, group, post.z))
+        spot = Spot(way * (_ALONG + 0.6), _MIDDLE + way * (5.9 - _MIDDLE), turn)
+        mast = plan.stand("pole", "mast", replace(spot, heading=turn + half), 0.12)
+        heads.append(_head(spot, "along", mast.z))
+        heads.append(_head(replace(spot, x=spot.x - 3.4 * way), "along", mast.z + 2.15))
     plan.add("traffic-light", "signals", 0.0, 0.0, shape=Signals(tuple(heads)))
 
 

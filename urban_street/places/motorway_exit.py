@@ -1,5 +1,6 @@
-"""The asset pack ``motorway-exit``: two lanes, a deceleration lane that leaves them, barriers, boards, and a broken-down car with
-people in high-visibility clothes."""
+"""The asset pack ``motorway-exit``: two lanes, a deceleration lane that leaves them, barriers, boards, and a broken-down car
+with people in high-visibility clothes.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ from urban_street.traffic_places import CAR_KINDS, TrafficPlace
 _LANE, _SHOULDER, _EXIT, _LINE = 3.75, 2.5, 3.5, 0.25
 _START, _STOP, _SIDE = -80.0, 420.0, 300.0
 #: Left edge of the exit's lane: (y, x). The paint of the gore ends in grass at the nose.
-_LEFT: Final = ((28.0, 3.75), (45.0, 4.7), (62.0, 7.2), (80.0, 11.6), (100.0, 18.0), (130.0, 30.0), (170.0, 49.0), (420.0, 190.0))
-_NOSE: Final = (62.0, 7.2)
+_LEFT: Final = tuple((y, round(3.75 + 0.0031 * (y - 28.0) ** 2, 3)) for y in (*range(28, 140, 4), 160.0, 420.0))
+_NOSE: Final = (64.0, 7.77)
 _SHOULDER_X = _LANE + _EXIT + 0.5 * _SHOULDER
 _PEOPLE: Final = (
     PersonPlace(_SHOULDER_X + 0.2, 9.6, 165.0, "orange-workwear"),
@@ -60,7 +61,9 @@ def site(settings: Settings) -> Site:
         cameras=CAMERAS,
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
-            "car-101": TrafficPlace(-1.85, 34.0, 0.0, ("sedan", *(kind for kind in CAR_KINDS if kind != "sedan")), shown=True),
+            "car-101": TrafficPlace(
+                -1.85, 34.0, 0.0, ("sedan", *(kind for kind in CAR_KINDS if kind != "sedan")), shown=True
+            ),
             "truck-101": TrafficPlace(1.9, 58.0, 0.0, shown=True),
             "bus-101": TrafficPlace(1.9, 84.0, 0.0),
             "motorcycle-101": TrafficPlace(5.4, 30.0, 0.0, rider="rider-102"),
@@ -87,7 +90,11 @@ def _ground() -> Sweep:
     for x in (0.0, -15.25):
         marks += dashes(0.0, _STOP - _START, 6.0, 12.0, (x - 0.075, x + 0.075))
     nose = _NOSE[0] - _START
-    gore = (*((s, x) for s, x in _points(_moved(0.0)) if s <= nose), (nose + 4.0, _LANE + _SHOULDER), (_STOP - _START, _LANE + _SHOULDER))
+    gore = (
+        *((s, x) for s, x in _points(_moved(0.0)) if s <= nose),
+        (nose + 4.0, _LANE + _SHOULDER),
+        (_STOP - _START, _LANE + _SHOULDER),
+    )
     shapes: tuple[tuple[str, str, Edge], ...] = (
         ("terrain", "crops", -32.0), ("terrain", "verge", -21.5),
         ("road", "asphalt-open", -19.0), ("road", "asphalt-lane", -15.25), ("road", "asphalt-lane", -11.5),
@@ -112,7 +119,9 @@ def _add_barriers(plan: StreetPlan) -> None:
     rail = _LANE + _EXIT + _SHOULDER + 0.6
     for x, y0, y1, heading in ((-5.4, -70.0, 230.0, 0.0), (-9.9, -70.0, 230.0, math.pi), (rail, -60.0, 26.0, math.pi),
                                (_LANE + _SHOULDER + 0.7, 70.0, 190.0, math.pi)):  # fmt: skip
-        barrier = plan.add("guard-rail", "crash-barrier", x, y0 if heading == 0.0 else y1, heading=heading, size=(y1 - y0,))
+        barrier = plan.add(
+            "guard-rail", "crash-barrier", x, y0 if heading == 0.0 else y1, heading=heading, size=(y1 - y0,)
+        )
         plan.block(barrier, rectangle(x - 0.15, y0, x + 0.15, y1), 0.75)
 
 

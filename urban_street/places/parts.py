@@ -45,14 +45,16 @@ def around(across: float, width: float = LINE) -> tuple[float, float]:
     return across - 0.5 * width, across + 0.5 * width
 
 
-def plant(plan: StreetPlan, rng: np.random.Generator, kind: str, x: float, y: float, size: float = 1.0, sunk: float = 0.0) -> None:
-    """Add a tree, about ``size`` times as large as its species, and its trunk; ``sunk`` metres into the ground, it is a bush."""
+def plant(
+    plan: StreetPlan, rng: np.random.Generator, kind: str, x: float, y: float, size: float = 1.0, sunk: float = 0.0
+) -> None:
+    """Add a tree, about ``size`` times as large as its species, and its trunk; ``sunk`` by metres, it is a bush."""
     turn, variant = float(rng.uniform(0.0, 2.0 * math.pi)), int(rng.integers(3))
     tree = plan.add(
         "vegetation", kind, x, y, z=plan.height(x, y) - sunk, heading=turn, variant=variant,
         size=(round(size * float(rng.uniform(0.9, 1.12)), 3),),
     )  # fmt: skip
-    plan.block(tree, disc(tree.x, tree.y, 0.25))
+    plan.block(tree, disc(tree.x, tree.y, 0.9 if sunk else 0.25), 2.2 if sunk else None)
 
 
 def avenue(
@@ -78,4 +80,3 @@ def lamps(plan: StreetPlan, x: float, ys: Iterable[float], heading: float) -> No
     """Add lamp posts; at heading 0 their arms reach to +x."""
     for y in ys:
         plan.stand("pole", "lamp", Spot(x, y, heading), 0.1)
-

@@ -1,9 +1,11 @@
 """The asset pack ``rural-road``: a road between fields, without pavements: verges, a ditch, a crash barrier, hedges, people at
-the edge."""
+the edge.
+"""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -63,7 +65,9 @@ def site(settings: Settings) -> Site:
         cameras=CAMERAS,
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
-            "car-101": TrafficPlace(round(_bend(62.0) - 1.7, 2), 62.0, 180.0, ("estate", "hatchback", "sedan", "suv", "van"), shown=True),
+            "car-101": TrafficPlace(
+                round(_bend(62.0) - 1.7, 2), 62.0, 180.0, ("estate", "hatchback", "sedan", "suv", "van"), shown=True
+            ),
             "bicycle-101": TrafficPlace(2.85, 30.0, 0.0, rider="rider-101", shown=True),
             "truck-101": TrafficPlace(round(_bend(96.0) - 1.75, 2), 96.0, 180.0),
             "motorcycle-101": TrafficPlace(-1.6, 30.0, 180.0, rider="rider-102"),
@@ -105,16 +109,18 @@ def _add_ditch(plan: StreetPlan) -> None:
     """Block the ditch, in which nobody stands."""
     ground = next(p for p in plan.placements if p.object_class == "terrain")
     ys = np.arange(-60.0, 160.0, 10.0).tolist()
-    for y0, y1 in zip(ys[:-1], ys[1:], strict=True):
+    for y0, y1 in pairwise(ys):
         corners = (_beside(y0, _DITCH[3]), _beside(y0, _DITCH[0]), _beside(y1, _DITCH[0]), _beside(y1, _DITCH[3]))
         plan.block(ground, corners, 0.01, "in the ditch")
 
 
 def _add_verges(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Add grass: dense where the cameras see its blades, sparse farther away."""
-    for low, high, tall, density in (
-        (_DITCH[0] - 0.3, -_HALF - 0.25, 0.26, 16.0), (_DITCH[3] - 0.5, _DITCH[3] + 0.3, 0.55, 12.0), (_HALF + 0.25, _VERGE_RIGHT + 2.3, 0.24, 13.0),
-    ):  # fmt: skip
+    strips = (
+        (_DITCH[0] - 0.3, -_HALF - 0.25, 0.26, 16.0), (_DITCH[3] - 0.5, _DITCH[3] + 0.3, 0.55, 12.0),
+        (_HALF + 0.25, _VERGE_RIGHT + 2.3, 0.24, 13.0),
+    )  # fmt: skip
+    for low, high, tall, density in strips:
         for y in range(-12, 120, 12):
             share = min(1.0, 26.0 / max(y + 14.0, 1.0))
             wide = high - low
@@ -141,11 +147,10 @@ def _add_furniture(plan: StreetPlan) -> None:
 
 
 def _add_plants(plan: StreetPlan, rng: np.random.Generator) -> None:
-    """Add hedges and trees along the fields, a farm, and woods that close the view."""
-    for y0, y1, right in ((14.0, 34.0, 9.4),):
-        x, _ = _beside(y0, right)
-        hedge = plan.add("vegetation", "hedge", x, y0, seed=seed_of(rng), size=(1.5, y1 - y0, 1.4))
-        plan.block(hedge, rectangle(x - 0.8, y0, x + 0.8, y1), 1.5)
+    """Add a hedge and trees along the fields, a farm, and woods that close the view."""
+    for y in np.arange(13.0, 38.0, 1.3).tolist():
+        x, _ = _beside(y, 9.6 + float(rng.uniform(-0.35, 0.35)))
+        plant(plan, rng, str(rng.choice(("cherry", "cherry", "hornbeam"))), x, y, 0.58, 1.25)
     for y, right, kind in (
         (11.0, -9.6, "tree"), (23.0, -9.3, "birch"), (36.0, -9.8, "tree"), (50.0, -9.5, "plane"), (64.0, -9.7, "tree"),
         (40.0, 9.6, "tree"), (53.0, 10.0, "plane"), (70.0, 9.4, "birch"), (84.0, 9.6, "tree"), (80.0, -9.5, "tree"),

@@ -13,7 +13,7 @@ from urban_street.street.houses import add_floor, build_house
 from urban_street.street.materials import make_materials, make_textures
 from urban_street.street.plan import Placement, StreetLayout, StreetLines
 from urban_street.street.rows import HOUSE_STYLES
-from urban_street.street.shapes import Signals
+from urban_street.street.shapes import DEFAULT_PHASE, PHASES, Signals
 from urban_street.street.trees import SPECIES, Tree, TreeSettings, build_tree, from_afar, in_season
 from urban_street.vehicles.build import KINDS, build_vehicle, vehicle_seed
 from urban_street.vehicles.content import VehicleContent
@@ -63,9 +63,11 @@ def build_street(layout: StreetLayout) -> StreetContent:
             if placement.kind == "lamp":
                 parts.append(StreetPart(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
             if isinstance(placement.shape, Signals):
-                for phase in signals.PHASES:
+                for phase in PHASES:
                     lenses = signals.lenses(placement.shape, phase).meshes()
-                    parts.append(StreetPart(f"{placement.path}.{phase}", np.eye(4), lenses, shown=phase == signals.DEFAULT_PHASE))
+                    parts.append(
+                        StreetPart(f"{placement.path}.{phase}", np.eye(4), lenses, shown=phase == DEFAULT_PHASE)
+                    )
     in_use = {mesh.material for part in parts for mesh in part.meshes}
     settings = layout.settings
     all_materials = make_materials(settings.seed) | workshop.materials

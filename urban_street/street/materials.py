@@ -232,10 +232,7 @@ def _ground() -> list[Material]:
         Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
         Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
         Material("turf", white, "turf", roughness=0.95),
-        *(
-            Material(name, white, *_maps(name), roughness=1.0)
-            for name in ("asphalt-lane", "asphalt-open", "slabs")
-        ),
+        *(Material(name, white, *_maps(name), roughness=1.0) for name in ("asphalt-lane", "asphalt-open", "slabs")),
         Material("road-marking", white, "road-marking", roughness=0.72),
         *(Material(name, white, name, roughness=0.95) for name in ("verge", "crops", "stubble", "gravel", "hatching")),
         Material("grass", white, "verge", roughness=0.8, double_sided=True),

@@ -20,7 +20,9 @@ def crash_barrier(placement: Placement) -> Bag:
     """Build a steel beam on posts along y, facing +x; its size is (length,). The ends slope to the ground."""
     length = placement.size[0]
     bag = Bag()
-    y = np.unique(np.concatenate([np.linspace(0.0, length, max(round(length / 2.0), 2) + 1), [_RAMP_M, length - _RAMP_M]]))
+    y = np.unique(
+        np.concatenate([np.linspace(0.0, length, max(round(length / 2.0), 2) + 1), [_RAMP_M, length - _RAMP_M]])
+    )
     drop = np.maximum(np.maximum(_RAMP_M - y, y - (length - _RAMP_M)), 0.0) / _RAMP_M
     z = _BEAM[None, :, 1] - 0.68 * drop[:, None]
     beam = np.stack([np.broadcast_to(_BEAM[None, :, 0], z.shape), np.broadcast_to(y[:, None], z.shape), z], -1)
@@ -56,11 +58,15 @@ def tufts(placement: Placement) -> Bag:
     rng = np.random.default_rng(placement.seed)
     count, blades = int(wide * long * density), 14
     root = np.repeat(rng.random((count, 2)) * [wide, long], blades, axis=0)
-    size = np.repeat(high * rng.lognormal(-0.25, 0.45, count).clip(0.25, 2.0), blades) * rng.uniform(0.5, 1.1, count * blades)
+    size = np.repeat(high * rng.lognormal(-0.25, 0.45, count).clip(0.25, 2.0), blades) * rng.uniform(
+        0.5, 1.1, count * blades
+    )
     turn = rng.uniform(0.0, 2.0 * np.pi, count * blades)
     lean = rng.uniform(0.15, 0.75, count * blades)
     out = np.stack([np.cos(turn), np.sin(turn)], -1)
-    foot = np.concatenate([root + 0.35 * size[:, None] * out * rng.random((len(out), 1)), np.full((len(out), 1), -0.02)], -1)
+    foot = np.concatenate(
+        [root + 0.35 * size[:, None] * out * rng.random((len(out), 1)), np.full((len(out), 1), -0.02)], -1
+    )
     tip = foot + np.concatenate([out * lean[:, None], np.ones((len(out), 1))], -1) * size[:, None]
     side = np.stack([-out[:, 1], out[:, 0], np.zeros(len(out))], -1) * (0.003 + 0.014 * size[:, None])
     bag = Bag()
@@ -69,14 +75,16 @@ def tufts(placement: Placement) -> Bag:
 
 
 def board(placement: Placement) -> Bag:
-    """Build a board of (width, height) that faces −y, its lower edge at the origin's height; its variant is a cell of the atlas."""
+    """Build a board of (width, height) that faces −y, its lower edge at the origin. Its variant is a cell."""
     wide, high = placement.size
     cell = float(placement.variant)
-    corners = np.array([[-0.5 * wide, -0.03, 0.0], [0.5 * wide, -0.03, 0.0], [0.5 * wide, -0.03, high], [-0.5 * wide, -0.03, high]])
+    corners = np.array(
+        [[-0.5 * wide, -0.03, 0.0], [0.5 * wide, -0.03, 0.0], [0.5 * wide, -0.03, high], [-0.5 * wide, -0.03, high]]
+    )
     uvs = np.array([[0.0, cell + 1.0], [1.0, cell + 1.0], [1.0, cell], [0.0, cell]]) / [1.0, 2.0]
     bag = Bag()
     bag.add("exit-board", quads([corners], [uvs]))
-    bag.add("galvanised", quads([(corners + [0.0, 0.02, 0.0])[::-1]]))
+    bag.add("galvanised", quads([(corners + np.array([0.0, 0.02, 0.0]))[::-1]]))
     return bag
 
 
@@ -88,8 +96,11 @@ def warning_triangle() -> Bag:
     inner = middle + 0.62 * (corners - middle)
     following = [1, 2, 0]
     ring = np.stack([corners, corners[following], inner[following], inner], 1)
-    bag.add("reflector-red", quads(ring), quads((ring + [0.0, 0.012, 0.0])[:, ::-1]))
-    bag.add("steel", tubes([[[x, -0.16, 0.01], [x, 0.0, 0.07], [x, 0.16, 0.01]] for x in (-0.18, 0.18)], np.full((2, 3), 0.006), 5))
+    bag.add("reflector-red", quads(ring), quads((ring + np.array([0.0, 0.012, 0.0]))[:, ::-1]))
+    bag.add(
+        "steel",
+        tubes([[[x, -0.16, 0.01], [x, 0.0, 0.07], [x, 0.16, 0.01]] for x in (-0.18, 0.18)], np.full((2, 3), 0.006), 5),
+    )
     return bag
 
 
@@ -100,12 +111,12 @@ def trolley_shelter() -> Bag:
     angle = np.linspace(0.0, np.pi, 13)
     arc = np.stack([-half * np.cos(angle), 0 * angle, 2.0 + 0.42 * np.sin(angle)], -1)
     hoop = np.concatenate([[[-half, 0.0, 0.0]], arc, [[half, 0.0, 0.0]]])
-    hoops = np.stack([hoop + [0.0, y, 0.0] for y in (-long, -0.77, 0.77, long)])
+    hoops = np.stack([hoop + np.array([0.0, y, 0.0]) for y in (-long, -0.77, 0.77, long)])
     bag.add("steel", tubes(hoops, np.full(hoops.shape[:2], 0.028), 9))
     rails = [[[x, -long, z], [x, long, z]] for x in (-half, half) for z in (0.35, 0.95)]
     bag.add("steel", tubes(rails, np.full((4, 2), 0.02), 8))
-    roof = np.stack([arc + [0.0, y, 0.03] for y in (-long - 0.15, long + 0.15)])
-    bag.add("lens", sheet(roof, flip=True), sheet(roof - [0.0, 0.0, 0.008]))
+    roof = np.stack([arc + np.array([0.0, y, 0.03]) for y in (-long - 0.15, long + 0.15)])
+    bag.add("lens", sheet(roof, flip=True), sheet(roof - np.array([0.0, 0.0, 0.008])))
     for x in (-0.52, 0.52):
         for k in range(9):
             bag.merge(_trolley(), _moved(x, -1.55 + 0.33 * k))

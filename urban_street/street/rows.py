@@ -47,12 +47,13 @@ def add_house(
 ) -> None:  # fmt: skip
     """Add a house, with the left end of its front at ``spot``, and its footprint; width and depth in metres.
 
-    The wall at its left end (``corner`` −1) or its right end (1) can be a second front. ``floors`` are the numbers to choose from.
+    The wall at its left end (``corner`` −1) or its right end (1) can be a second front. ``floors`` are its possible numbers.
     """
     bays, door = bays_of(width, rng)
     house = plan.add(
         "building", style, spot.x, spot.y, z=plan.lines.kerb_height, heading=spot.heading, seed=seed_of(rng),
-        size=(round(width, 3), depth, bays, door, *(() if corner is None else (corner,))), variant=floors[int(rng.integers(len(floors)))],
+        size=(round(width, 3), depth, bays, door, *(() if corner is None else (corner,))),
+        variant=floors[int(rng.integers(len(floors)))],
     )  # fmt: skip
     plan.block(house, spot.outline((0.0, 0.0), (width, depth)))
 

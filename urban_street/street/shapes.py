@@ -7,6 +7,7 @@ island. Together they describe any place's ground without a mesh.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
@@ -32,7 +33,7 @@ class Strip:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A rectangle of another material in a sweep: metres along the line, metres to its right. Later ones lie over earlier ones."""
+    """A rectangle of another material in a sweep: metres along the line and to its right. Later ones are over earlier ones."""
 
     along: tuple[float, float]
     across: tuple[float, float]
@@ -94,6 +95,17 @@ class Signals:
 
     heads: tuple[Head, ...]
 
+
+#: Phase to the lamps that are lit, by group: the streets along y and x, and the people who cross them.
+PHASES: Final[dict[str, dict[str, tuple[str, ...]]]] = {
+    "along-green": {"along": ("green",), "across": ("red",), "over-along": ("red",), "over-across": ("green",)},
+    "along-amber": {"along": ("amber",), "across": ("red",), "over-along": ("red",), "over-across": ("red",)},
+    "all-red": {"along": ("red",), "across": ("red",), "over-along": ("red",), "over-across": ("red",)},
+    "along-red-amber": {"along": ("red", "amber"), "across": ("red",), "over-along": ("red",), "over-across": ("red",)},
+    "across-green": {"along": ("red",), "across": ("green",), "over-along": ("green",), "over-across": ("red",)},
+    "out-of-order": {},
+}
+DEFAULT_PHASE: Final = "across-green"
 
 Shape = Sweep | Slab | Signals
 

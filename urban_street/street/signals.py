@@ -7,21 +7,11 @@ from typing import Final
 from urban_street.solids.surfaces import Bag, boxes, pose
 from urban_street.street.furniture import signal_lens, signal_visor
 from urban_street.street.plan import Placement
-from urban_street.street.shapes import Signals
+from urban_street.street.shapes import PHASES, Signals
 
 #: Lamps of a head for vehicles and of one for people, by aspect, with their heights in metres.
 _VEHICLES: Final = {"red": 3.15, "amber": 2.85, "green": 2.55}
 _PEOPLE: Final = {"red": 2.85, "green": 2.55}
-#: Phase to the lamps that are lit, by group: the streets along y and x, and the people who cross them.
-PHASES: Final[dict[str, dict[str, tuple[str, ...]]]] = {
-    "along-green": {"along": ("green",), "across": ("red",), "over-along": ("red",), "over-across": ("green",)},
-    "along-amber": {"along": ("amber",), "across": ("red",), "over-along": ("red",), "over-across": ("red",)},
-    "all-red": {"along": ("red",), "across": ("red",), "over-along": ("red",), "over-across": ("red",)},
-    "along-red-amber": {"along": ("red", "amber"), "across": ("red",), "over-along": ("red",), "over-across": ("red",)},
-    "across-green": {"along": ("red",), "across": ("green",), "over-along": ("green",), "over-across": ("red",)},
-    "out-of-order": {},
-}
-DEFAULT_PHASE: Final = "across-green"
 
 
 def _lamps(group: str) -> dict[str, float]:

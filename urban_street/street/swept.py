@@ -117,11 +117,18 @@ def build_slab(placement: Placement) -> Bag:
     inset = _inset(outline, _BEVEL)
     rings = [(outline, _FOOT), (outline, slab.height - _BEVEL), (inset, slab.height)]
     for (low, z0), (high, z1) in pairwise(rings):
-        corners = [_raised(low, z0), _raised(np.roll(low, -1, 0), z0), _raised(np.roll(high, -1, 0), z1), _raised(high, z1)]
+        corners = [
+            _raised(low, z0),
+            _raised(np.roll(low, -1, 0), z0),
+            _raised(np.roll(high, -1, 0), z1),
+            _raised(high, z1),
+        ]
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(following - outline, axis=1))])
         u0, u1 = along[:-1] / 2.0, along[1:] / 2.0
         v0, v1 = np.full_like(u0, -z0 / 2.0), np.full_like(u0, -z1 / 2.0 - 0.01)
-        uvs = np.stack([np.stack([u0, v0], -1), np.stack([u1, v0], -1), np.stack([u1, v1], -1), np.stack([u0, v1], -1)], 1)
+        uvs = np.stack(
+            [np.stack([u0, v0], -1), np.stack([u1, v0], -1), np.stack([u1, v1], -1), np.stack([u0, v1], -1)], 1
+        )
         bag.add("kerb", quads(np.stack(corners, 1), uvs))
     whole = shapely.Polygon(inset)
     top = whole.buffer(-_KERB, join_style="mitre")

@@ -176,8 +176,8 @@ def _written(text: str, height: int) -> NDArray[np.floating]:
     rows = [[[float(bit) for bit in row] for row in _LETTERS[letter].split()] for letter in text]
     dots = np.concatenate([np.pad(np.array(letter), ((1, 1), (0, 1))) for letter in rows], axis=1)
     scale = height // 7
-    solid = np.kron(dots, np.ones((scale, scale)))
-    return smoothstep(0.26, 0.44, gaussian_filter(solid, 0.38 * scale))
+    solid = np.kron(np.pad(dots, ((0, 0), (1, 0))), np.ones((scale, scale)))
+    return smoothstep(0.20, 0.36, gaussian_filter(solid, 0.42 * scale))
 
 
 def exit_boards() -> Image:
