@@ -34,7 +34,7 @@ from urban_street.pedestrians import PLACES
 from urban_street.site import CameraPlace, Pack, Site, draw_season, nearest_cars, numbered, picked
 from urban_street.street.layout import layout_street
 from urban_street.street.plan import StreetSettings
-from urban_street.traffic_places import TRAINED_ON, WAITING, traffic
+from urban_street.traffic_places import UNTRAINED, WAITING, traffic
 from urban_street.varied_houses import varied_houses, ways
 from valerie.scene.assets.asset import AssetArguments, PackSettings
 
@@ -69,7 +69,7 @@ def site(settings: Settings) -> Site:
         parked=nearest_cars(layout, _PARKED, _PEOPLE_Y),
         houses=tuple(varied_houses(layout)),
         ways=tuple(ways(layout)),
-        trained_on=TRAINED_ON,
+        untrained=UNTRAINED,
         positions="the generated street, wider than the paper's positions (section 6.1)",
     )
 

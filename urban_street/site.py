@@ -101,7 +101,7 @@ class Site:
         parked: vehicles of the layout with a place, a colour and a door that opens.
         houses: houses of the layout that can move.
         ways: ground that houses must leave free.
-        trained_on: paths of the vehicles in training scenes.
+        untrained: names of the vehicles that training scenes never show.
         reach, positions: the ranges of positions, and their source.
     """
 
@@ -116,7 +116,7 @@ class Site:
     parked: tuple[Placement, ...] = ()
     houses: tuple[Placement, ...] = ()
     ways: tuple[Footprint, ...] = ()
-    trained_on: tuple[str, ...] = ()
+    untrained: tuple[str, ...] = ()
     reach: Reach = Reach()
     positions: str = "the generated place"
     sky: Sky = NOON
@@ -189,7 +189,7 @@ def _manifest(site: Site) -> Manifest:
         training=TrainingRules(
             # A second outfit of one body would show that body twice as often.
             left_out=(
-                *(path for path in vehicles if path not in site.trained_on),
+                *(f"{ROOT}.{name}" for name in site.untrained),
                 *(f"{path}.yellow-outfit" for path in paths),
             ),
             poses={"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08},

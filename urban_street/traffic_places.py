@@ -62,8 +62,8 @@ _FITTED: Final = {
     "truck-101": TrafficPlace(2.5, 60.0, 180.0),
     "bus-101": TrafficPlace(2.5, 60.0, 0.0),
 }
-#: Paths of the vehicles in training scenes. They are fixed, since shipped networks were trained on the draws of each seed.
-TRAINED_ON: Final = tuple(f"{ROOT}.{name}" for name in _FIXED)
+#: Names of the vehicles that training scenes never show, since shipped networks were trained on the draws of each seed.
+UNTRAINED: Final = tuple(_FITTED)
 #: A waiting cyclist far down the street, who belongs to the background and has the shape of the moving cyclist.
 WAITING: Final = {"bicycle-100": TrafficPlace(3.1, 57.0, 180.0, rider="rider-100", shown=True)}
 

@@ -89,7 +89,6 @@ def site(settings: Settings) -> Site:
         },
         waiting={},
         parked=nearest_cars(layout, 2, 30.0),
-        trained_on=("scene.car-101", "scene.bicycle-101"),
         reach=Reach(people=(-8.0, 0.0, 11.0, 90.0), vehicles=extent, cameras=extent),
     )
 

@@ -94,7 +94,6 @@ def site(settings: Settings) -> Site:
         },
         waiting={},
         parked=nearest_cars(layout, 4, 12.0),
-        trained_on=("scene.car-101", "scene.bicycle-101"),
         reach=Reach(people=(-30.0, -8.0, 30.0, 55.0), vehicles=extent, cameras=extent),
     )
 

@@ -102,7 +102,6 @@ def site(settings: Settings) -> Site:
         },
         waiting={},
         parked=nearest_cars(layout, 2, 20.0),
-        trained_on=("scene.car-101", "scene.bicycle-101"),
         sky=Sky(310.0, 180.0, 42.0),
         reach=Reach(people=(-30.0, -20.0, 30.0, 90.0), vehicles=extent, cameras=extent),
     )

@@ -70,7 +70,6 @@ def site(settings: Settings) -> Site:
         },
         waiting={},
         parked=(car,),
-        trained_on=("scene.car-101",),
         reach=Reach(people=(-12.0, -8.0, 30.0, 100.0), vehicles=extent, cameras=extent),
         sky=Sky(20.0, 170.0, 42.0),
     )

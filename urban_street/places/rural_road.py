@@ -73,7 +73,6 @@ def site(settings: Settings) -> Site:
             "motorcycle-101": TrafficPlace(-1.6, 30.0, 180.0, rider="rider-102"),
         },
         waiting={},
-        trained_on=("scene.car-101", "scene.bicycle-101"),
         reach=Reach(people=(-15.0, -8.0, 15.0, 100.0), vehicles=extent, cameras=extent),
         sky=Sky(60.0, 200.0, 38.0),
     )

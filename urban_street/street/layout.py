@@ -29,7 +29,7 @@ from urban_street.street.plan import (
     turned_rectangle,
 )
 from urban_street.street.planning import StreetPlan, seed_of
-from urban_street.street.rows import CORNERS, ENDS, HOUSE_DEPTH, HOUSE_STYLES, NARROW, add_house, bays_of
+from urban_street.street.rows import CORNERS, ENDS, HOUSE_DEPTH, HOUSE_STYLES, NARROW, add_house, bays_of, next_width
 from urban_street.vehicles.build import dimensions
 
 #: Depth of houses in a side street, metres: less than the width of the narrowest corner house.
@@ -106,10 +106,7 @@ def _place_row(plan: StreetPlan, rng: np.random.Generator, y: float, stop: float
     lines, styles = plan.lines, HOUSE_STYLES
     previous, since_garden = "", 0
     while y < stop - 0.1:
-        rest = stop - y
-        width = float(rng.uniform(9.0, 15.5))
-        if rest < width + 9.0:
-            width = rest if rest < 16.0 else 0.5 * rest
+        width = next_width(rng, stop - y)
         choices = [style for style in styles if style != previous and not (style in NARROW and width > 12.5)]
         # The side wall of a corner house is a second front, and the side street's houses begin at its back.
         before, behind = (lines.in_side_street(edge, SIDE_HALF + 0.1, left=left) for edge in (y + width, y))

@@ -29,16 +29,21 @@ def add_row(
     """
     at, previous = 0.0, ""
     while at < length - 0.1:
-        rest = length - at
-        width = float(rng.uniform(9.0, 15.5))
-        if rest < width + 9.0:
-            width = rest if rest < 16.0 else 0.5 * rest
+        width = next_width(rng, length - at)
         corner = -1.0 if corners[0] and at == 0.0 else 1.0 if corners[1] and at + width > length - 0.1 else None
         styles = HOUSE_STYLES if corner is None else CORNERS
         style = str(rng.choice([s for s in styles if s != previous and not (s in NARROW and width > 12.5)]))
         x, y = spot.x + at * math.cos(spot.heading), spot.y + at * math.sin(spot.heading)
         add_house(plan, rng, style, Spot(x, y, spot.heading), width, corner=corner)
         at, previous = at + width, style
+
+
+def next_width(rng: np.random.Generator, rest: float) -> float:
+    """Return the width of the next house of a row with ``rest`` metres left."""
+    width = float(rng.uniform(9.0, 15.5))
+    if rest < width + 9.0:
+        width = rest if rest < 16.0 else 0.5 * rest
+    return width
 
 
 def add_house(
