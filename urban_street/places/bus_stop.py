@@ -29,7 +29,7 @@ _PEOPLE: Final = (
     PersonPlace(7.0, 16.4, 80.0, "yellow-shirt", "standing"),
     PersonPlace(7.7, 20.4, 120.0, "black-outfit", "phone"),
     PersonPlace(7.2, 13.2, 60.0, "red-coat", "standing"),
-    PersonPlace(8.1, 25.2, 10.0, "navy-coat"),
+    PersonPlace(8.1, 25.2, 10.0, "white-tee"),
     PersonPlace(7.8, 12.6, 30.0, "pink-girl", "standing"),
 )
 CAMERAS: Final = {

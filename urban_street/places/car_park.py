@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,18 @@ from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
 from urban_street.places.parts import avenue, begin, lamps, rounded, sign
-from urban_street.site import CameraPlace, Pack, PlaceSettings, Reach, Site, draw_season, nearest_cars, numbered, picked
+from urban_street.site import (
+    CameraPlace,
+    Pack,
+    PlaceSettings,
+    Reach,
+    Site,
+    Sky,
+    draw_season,
+    nearest_cars,
+    numbered,
+    picked,
+)
 from urban_street.street.plan import Spot, rectangle
 from urban_street.street.planning import StreetPlan, seed_of
 from urban_street.street.rows import add_row
@@ -58,13 +70,13 @@ def site(settings: Settings) -> Site:
     low, high = _ROWS
     edge = _AISLES[2] + _AISLE + _BAY
     for x in (_AISLES[0] + _AISLES[1], _AISLES[1] + _AISLES[2]):
-        plan.slab(rounded(0.5 * (x - _ISLAND), low, 0.5 * (x + _ISLAND), high, 0.75), 0.12, "verge")
+        plan.slab(rounded(0.5 * (x - _ISLAND), low, 0.5 * (x + _ISLAND), high, 0.75), 0.12, "terrain", "verge")
         avenue(plan, rng, ("tree", "hornbeam", "cherry"), 0.5 * x, np.arange(low + 5.2, high, 10.4), pits=False)
         for turn in (0.0, math.pi):
             lamps(plan, 0.5 * x + (0.25 if turn == 0.0 else -0.25), (-8.0, 18.0, 44.0), turn)
     plan.slab(rounded(-edge - 20.0, high + 7.0, edge + 20.0, _STOP, 2.0), 0.12)
     for x0, x1 in ((-_SIDE, -edge), (edge, _SIDE)):
-        plan.slab(rounded(x0, _START, x1, high + 4.0, 1.0), 0.12, "verge")
+        plan.slab(rounded(x0, _START, x1, high + 4.0, 1.0), 0.12, "terrain", "verge")
     for x in (-edge - 1.4, edge + 1.4):
         for y in range(int(low), int(high), 12):
             hedge = plan.add("vegetation", "hedge", x, float(y), z=0.12, seed=seed_of(rng), size=(1.2, 11.2, 1.3))
@@ -77,7 +89,7 @@ def site(settings: Settings) -> Site:
         avenue(plan, rng, ("hornbeam", "cherry"), x, (high + 8.4,))
     sign(plan, 5, Spot(_AISLES[1] + _AISLE + _BAY + 0.8, -4.5, 0.0))
     extent = (-45.0, -40.0, 45.0, 60.0)
-    layout = plan.layout(extent)
+    layout = replace(plan.layout(extent), near=(-10.0, -20.0, 10.0, 34.0))
     return Site(
         name="car-park",
         title="Car park",
@@ -94,27 +106,22 @@ def site(settings: Settings) -> Site:
         },
         waiting={},
         parked=nearest_cars(layout, 4, 12.0),
+        sky=Sky(300.0, 190.0, 40.0),
         reach=Reach(people=(-30.0, -8.0, 30.0, 55.0), vehicles=extent, cameras=extent),
     )
 
 
 def _ground() -> Sweep:
-    """Return aisles of asphalt and bays of slabs, with lines between the bays."""
+    """Return asphalt with lines between the bays."""
     low, high = _ROWS[0] - _START, _ROWS[1] - _START
-    strips, marks = [Strip("road", "asphalt-open", _AISLES[0] - _AISLE - _BAY)], list[Mark]()
-    count = round((high - low) / _WIDE)
+    marks: list[Mark] = []
     for aisle in _AISLES:
-        inner, outer = aisle - _AISLE, aisle + _AISLE
-        strips += [
-            Strip("road", "asphalt-open", inner),
-            Strip("road", "asphalt-open", outer),
-            Strip("road", "asphalt-open", outer + _BAY),
-        ]
-        strips += [Strip("road", "asphalt-open", outer + _BAY + _ISLAND)]
-        for x0, x1 in ((inner - _BAY, inner), (outer, outer + _BAY)):
-            marks += [Mark((low + _WIDE * k - 0.05, low + _WIDE * k + 0.05), (x0, x1)) for k in range(count + 1)]
-    strips += [Strip("road", "asphalt-open", _SIDE)]
-    return Sweep(((0.0, _START), (0.0, _STOP)), -_SIDE, tuple(strips), tuple(marks))
+        for x0, x1 in ((aisle - _AISLE - _BAY, aisle - _AISLE), (aisle + _AISLE, aisle + _AISLE + _BAY)):
+            marks += [
+                Mark((low + _WIDE * k - 0.05, low + _WIDE * k + 0.05), (x0, x1))
+                for k in range(round((high - low) / _WIDE) + 1)
+            ]
+    return Sweep(((0.0, _START), (0.0, _STOP)), -_SIDE, (Strip("road", "asphalt-open", _SIDE),), tuple(marks))
 
 
 def _add_cars(plan: StreetPlan, rng: np.random.Generator) -> None:

@@ -90,7 +90,7 @@ class _Workshop:
 
     def __init__(self, layout: StreetLayout) -> None:
         self._seed = layout.settings.seed
-        self._settings, self._lines = layout.settings, layout.lines
+        self._settings, self._lines, self._near = layout.settings, layout.lines, layout.near
         self._shared: dict[tuple[str, int], tuple[Mesh, ...]] = {}
         self._vehicles: dict[tuple[str, int, bool], VehicleContent] = {}
         self.materials: dict[str, Material] = {}
@@ -98,7 +98,8 @@ class _Workshop:
 
     def vehicle(self, placement: Placement) -> VehicleContent:
         """Build the vehicle of one placement, and keep its materials and textures."""
-        fine = _NEAR[0] < placement.y < _NEAR[1]
+        x0, y0, x1, y1 = self._near
+        fine = x0 < placement.x < x1 and y0 < placement.y < y1
         key = (placement.kind, placement.variant, fine)
         if key not in self._vehicles:
             content = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
@@ -140,10 +141,6 @@ class _Workshop:
         except KeyError:
             kinds = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
             raise UnknownName("kind of street object", kind, kinds) from None
-
-
-#: Range along the street in which cars have all their details, metres.
-_NEAR = (-20.0, 34.0)
 
 
 def _with_far(near: dict[str, Tree]) -> dict[str, Tree]:

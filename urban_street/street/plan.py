@@ -221,6 +221,7 @@ class StreetLayout:
         footprints: ground that people cannot enter.
         ground: kerb heights.
         extent: x0, y0, x1, y1 of the modelled street, metres.
+        near: likewise, where cars have all their details.
     """
 
     settings: StreetSettings
@@ -228,6 +229,7 @@ class StreetLayout:
     footprints: tuple[Footprint, ...]
     ground: tuple[GroundRegion, ...]
     extent: tuple[float, float, float, float]
+    near: tuple[float, float, float, float] = (-math.inf, -20.0, math.inf, 34.0)
 
     @property
     def lines(self) -> StreetLines:
