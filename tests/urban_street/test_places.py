@@ -14,7 +14,7 @@ from urban_street.street.shapes import PHASES
 from valerie.parameters.odd import OddAttribute
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.assets.asset import asset_manifest, default_pack, load_asset, load_pack
+from valerie.scene.assets.asset import asset_manifest, asset_names, default_pack, load_asset, load_pack
 from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.variant import apply
@@ -49,7 +49,8 @@ class TestMotorwayExit(PlaceContract):
 
 
 def test_the_street_applies_where_no_asset_is_named() -> None:
-    assert default_pack() == "urban-street"
+    assert default_pack() == "urban-street" == asset_names()[0]
+    assert set(PLACES) < set(asset_names())
 
 
 def layout_of(name: str, seed: int) -> Any:

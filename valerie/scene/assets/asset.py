@@ -90,10 +90,10 @@ _DEFAULTS: Final = PluginKind("asset", "valerie.default_asset")
 
 
 def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
-    """Return the names that `load_asset` knows: the packs, then the folders of ``asset_dir`` with a manifest, sorted."""
+    """Return the names that `load_asset` knows: the packs, the default first, then the folders of ``asset_dir``, sorted."""
     from valerie.scene.assets.asset_folder import MANIFEST_FILE
 
-    packs, folders = PACKS.names(), list[str]()
+    packs, folders = _packs(), list[str]()
     if asset_dir is not None and asset_dir.is_dir():
         folders = sorted(p.name for p in asset_dir.iterdir() if (p / MANIFEST_FILE).is_file())
     return (*packs, *(name for name in folders if name not in packs))
@@ -105,9 +105,15 @@ def default_pack() -> str:
     Raises:
         MissingDependency: no pack is installed.
     """
-    if not (names := (*_DEFAULTS.names(), *PACKS.names())):
+    if not (names := _packs()):
         raise MissingDependency(f"no asset pack is installed (entry points of {PACKS.group})")
     return names[0]
+
+
+def _packs() -> tuple[str, ...]:
+    """Return the names of the packs: the declared default, then the others by name, this distribution's first."""
+    names = PACKS.names()
+    return (*(name for name in _DEFAULTS.names() if name in names), *(n for n in names if n not in _DEFAULTS.names()))
 
 
 def is_generated(name: str) -> bool:
