@@ -14,11 +14,12 @@ from PIL import Image
 from tools.contact_sheet import captioned, contact_sheet
 from tools.gallery import OUT, TILE, Condition, picture
 from valerie import plugins
+from valerie.parameters.definitions import Value
 from valerie.scene.assets.asset import load_asset
 
-_DUSK: Final = {"sun-1.elevation": -5.0}
-_RAIN: Final = {"environment-1.cloud_cover": 0.95, "environment-1.rain": 12.0}
-_FOG: Final = {"environment-1.cloud_cover": 1.0, "environment-1.visibility": 150.0}
+_DUSK: Final[dict[str, Value]] = {"sun-1.elevation": -5.0}
+_RAIN: Final[dict[str, Value]] = {"environment-1.cloud_cover": 0.95, "environment-1.rain": 12.0}
+_FOG: Final[dict[str, Value]] = {"environment-1.cloud_cover": 1.0, "environment-1.visibility": 150.0}
 _METERED: Final = {"auto_exposure": True}
 PLACES: Final[dict[str, tuple[Condition, ...]]] = {
     "street-crossing": (

@@ -13,7 +13,8 @@ from typing import Final
 import shapely
 
 from urban_street.pedestrians import PERSON_RADIUS_M, PLACES
-from urban_street.street.plan import Polygon, StreetLayout, turned_rectangle
+from urban_street.street.plan import StreetLayout, turned_rectangle
+from urban_street.street.shapes import Polygon
 from urban_street.vehicles.build import dimensions
 from urban_street.vehicles.paints import PAINTS
 from valerie.parameters.declaring import angle, choice, number, switch

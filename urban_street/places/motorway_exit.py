@@ -139,9 +139,9 @@ def _add_signs(plan: StreetPlan) -> None:
 def _add_plants(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Add grass, shrubs between the carriageways, and woods."""
     for x, wide, high in ((-10.5, 5.8, 0.30), (10.0, 6.0, 0.28)):
-        for y in range(-14, 58, 12):
+        for y in np.arange(-14.0, 58.0, 12.0).tolist():
             density = 10.0 * min(1.0, 30.0 / (y + 20.0))
-            plan.add("terrain", "tufts", x, float(y), seed=seed_of(rng), size=(wide, 12.0, high, density))
+            plan.add("terrain", "tufts", x, y, seed=seed_of(rng), size=(wide, 12.0, high, density))
     for k in range(46):
         y = -30.0 + 9.0 * k
         plant(plan, rng, "far-tree", -37.0 + float(rng.uniform(-3.0, 3.0)), y, 1.2)

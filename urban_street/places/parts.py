@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 
 from urban_street.site import PlaceSettings
-from urban_street.street.plan import Polygon, Spot, StreetSettings, disc
+from urban_street.street.plan import Spot, StreetSettings, disc
 from urban_street.street.planning import StreetPlan
-from urban_street.street.shapes import Mark
+from urban_street.street.shapes import Mark, Polygon
 
 #: Width of narrow markings, metres.
 LINE = 0.12

@@ -14,10 +14,10 @@ from pydantic import Field
 from urban_street.pedestrians import PersonPlace
 from urban_street.places.parts import around, begin, line, plant, sign
 from urban_street.site import CameraPlace, Pack, PlaceSettings, Reach, Site, Sky, draw_season, numbered
-from urban_street.street.plan import Point, Polygon, Spot, rectangle
+from urban_street.street.plan import Spot, rectangle
 from urban_street.street.planning import StreetPlan, seed_of
 from urban_street.street.rows import add_house
-from urban_street.street.shapes import Mark, Strip, Sweep, dashes
+from urban_street.street.shapes import Mark, Point, Polygon, Strip, Sweep, dashes
 from urban_street.traffic_places import TrafficPlace
 
 #: Half width of the asphalt and distance of its edge lines from the middle, metres.

@@ -13,8 +13,6 @@ from urban_street.street.plan import (
     Footprint,
     GroundRegion,
     Placement,
-    Point,
-    Polygon,
     Spot,
     StreetLayout,
     StreetLines,
@@ -22,7 +20,7 @@ from urban_street.street.plan import (
     disc,
     lines_of,
 )
-from urban_street.street.shapes import Slab, Sweep
+from urban_street.street.shapes import Point, Polygon, Slab, Sweep
 from urban_street.vehicles.build import KINDS, dimensions
 
 

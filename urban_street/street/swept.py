@@ -56,7 +56,7 @@ def _course(edge: Edge, cuts: Floats) -> Floats:
     """Return an edge's distance from the line at every cut."""
     if isinstance(edge, tuple):
         knots = np.asarray(edge)
-        return np.interp(cuts, knots[:, 0], knots[:, 1])
+        return np.asarray(np.interp(cuts, knots[:, 0], knots[:, 1]))
     return np.full_like(cuts, edge)
 
 
@@ -66,7 +66,7 @@ def _cuts(sweep: Sweep, length: float) -> Floats:
     knots += [s for strip in sweep.strips if isinstance(strip.edge, tuple) for s, _ in strip.edge]
     even = np.linspace(0.0, length, max(int(np.ceil(length / sweep.step)), 1) + 1)
     cuts = np.unique(np.round(np.concatenate([even, [k for k in knots if 0.0 < k < length]]), 4))
-    return cuts[np.concatenate([[True], np.diff(cuts) > 1e-3])]
+    return np.asarray(cuts[np.concatenate([[True], np.diff(cuts) > 1e-3])])
 
 
 def _add_strip(
@@ -142,7 +142,7 @@ def _inset(outline: Floats, by: float) -> Floats:
     edge = np.roll(outline, -1, 0) - outline
     inwards = np.stack([-edge[:, 1], edge[:, 0]], -1) / np.linalg.norm(edge, axis=1, keepdims=True)
     both = inwards + np.roll(inwards, 1, 0)
-    return outline + by * both / np.maximum((both * inwards).sum(axis=1, keepdims=True), 0.2)
+    return np.asarray(outline + by * both / np.maximum((both * inwards).sum(axis=1, keepdims=True), 0.2))
 
 
 def _raised(points: Floats, z: float) -> Floats:
