@@ -72,9 +72,8 @@ def test_everything_stands_legally_by_default_with_everybody_there(name: str, se
     most = next(bound.le for bound in pack.Settings.model_fields["persons"].metadata if hasattr(bound, "le"))
     manifest, _ = asset_manifest({"name": name, "seed": seed, "persons": most})
     everything = {d.path: d.check(d.default) for d in manifest.parameters if not d.path.startswith("scene.sun-1.")}
-    for path, value in everything.items():
-        if value is False or value == ABSENT:
-            everything[path] = True if path.endswith(".visible") else manifest.by_path[path].choices[0]
+    everything |= {path: True for path in everything if path.endswith(".visible")}
+    everything |= {path: manifest.by_path[path].choices[0] for path, value in everything.items() if value == ABSENT}
     assert rejection_reason(everything, manifest) is None
     outlines = [shapely.Polygon(o.polygon) for o in manifest.obstacles]
     people = [
@@ -90,7 +89,7 @@ def test_everything_stands_legally_by_default_with_everybody_there(name: str, se
         ("street-crossing", 14.0, 40.0, "building-"), ("street-crossing", 20.6, 21.9, "car-"),
         ("street-crossing", 8.1, 5.9, "pole-"),
         ("rural-road", -6.5, 20.0, "in the ditch"), ("rural-road", 4.5, 20.0, "guard-rail-"),
-        ("car-park", -8.9, 1.8, "vegetation-|pole-|car-|outside"), ("car-park", 5.0, 22.0, "static-|car-"),
+        ("car-park", 5.6, 24.7, "static-"), ("car-park", -9.2, 18.0, "pole-"),
         ("bus-stop", 9.6, 19.0, "static-"), ("bus-stop", 5.0, 30.0, "bus-101"), ("motorway-exit", 8.6, 18.0, "car-1"),
         ("motorway-exit", 10.35, 0.0, "guard-rail-"), ("motorway-exit", 1.9, 58.0, "truck-101"),
     ],
@@ -99,7 +98,7 @@ def test_nobody_stands_in_a_thing_or_a_ditch(name: str, x: float, y: float, reas
     manifest, _ = asset_manifest(name)
     given = rejection_reason({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y}, manifest)
     assert given is not None
-    assert any(part in given for part in reason.split("|")), given
+    assert reason in given
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -151,7 +150,7 @@ def test_every_camera_sees_persons_in_a_place_of_its_classes(
     for camera in asset.manifest.cameras:
         truth = truth_pass.truth(scene, View(camera, 480, 270))
         seen |= set(np.unique(truth.class_map).tolist())
-        visible = {person.pixel_area for person in truth.persons}
-        assert sum(area >= 60 for area in visible) >= 2, camera
+        areas = [np.count_nonzero(truth.instance_map == person.instance_id) for person in truth.persons]
+        assert sum(area >= 60 for area in areas) >= 2, camera
         assert set(np.unique(truth.class_map).tolist()) <= {*range(34)} - {0}
     assert classes <= seen
