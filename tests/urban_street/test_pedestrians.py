@@ -12,7 +12,8 @@ from urban_street.human.body import BodyShape, shape_body
 from urban_street.human.catalogue import LOOKS
 from urban_street.human.figure import Figure, Model
 from urban_street.human.stances import DEFAULT
-from urban_street.pedestrians import PLACES, Crowd, persons
+from urban_street.pedestrians import PLACES, Crowd
+from urban_street.site import numbered
 from valerie.errors import InvalidInputs
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.legality.rejection import rejection_reason
@@ -45,7 +46,7 @@ def test_nobody_is_made_before_somebody_looks(monkeypatch: pytest.MonkeyPatch) -
     built: list[BodyShape] = []
     monkeypatch.setattr(sys.modules[Model.__module__], "shape_body", lambda s: built.append(s) or shape_body(s))
     crowd = Crowd()
-    nodes = [node for name, person in persons(2).items() for node in crowd.nodes(name, person)]
+    nodes = [node for name, person in numbered(PLACES[:2]).items() for node in crowd.nodes(name, person)]
     assert len(nodes) == 2 * (1 + len(pedestrians.CHARACTERS))
     assert built == []
     one, other = (
@@ -60,7 +61,7 @@ def test_nobody_is_made_before_somebody_looks(monkeypatch: pytest.MonkeyPatch) -
 
 def test_each_person_has_materials_of_its_own_for_everything_it_may_show() -> None:
     crowd = Crowd()
-    nodes = [node for name, person in persons(2).items() for node in crowd.nodes(name, person)]
+    nodes = [node for name, person in numbered(PLACES[:2]).items() for node in crowd.nodes(name, person)]
     for node in nodes:
         owner = node.path.split(".")[1]
         for mesh in node.meshes:

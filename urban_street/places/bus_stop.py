@@ -52,8 +52,8 @@ def site(settings: Settings) -> Site:
     ends = (_HALF, _HALF + _BAY, _HALF + _BAY, _HALF)
     kerb = [(_HALF, _START), *zip(ends, _ALONG, strict=True), (_HALF, _STOP)]
     pavement = shapely.Polygon([*kerb, (_SIDE, _STOP), (_SIDE, _START)])
-    plan.slab(outline_of(pavement.buffer(-_ROUND).buffer(2.0 * _ROUND).buffer(-_ROUND)), 0.12)
-    plan.slab(outline_of(shapely.box(-_SIDE, _START, -_HALF, _STOP)), 0.12)
+    plan.slab(outline_of(pavement.buffer(-_ROUND).buffer(2.0 * _ROUND).buffer(-_ROUND)))
+    plan.slab(outline_of(shapely.box(-_SIDE, _START, -_HALF, _STOP)))
     left, right = -_HALF - _PAVEMENT, _HALF + _BAY + _PAVEMENT
     add_row(plan, rng, Spot(left, -50.0, 0.5 * math.pi), 160.0)
     add_row(plan, rng, Spot(right, 110.0, -0.5 * math.pi), 160.0)

@@ -70,16 +70,18 @@ def site(settings: Settings) -> Site:
     low, high = _ROWS
     edge = _AISLES[2] + _AISLE + _BAY
     for x in (_AISLES[0] + _AISLES[1], _AISLES[1] + _AISLES[2]):
-        plan.slab(rounded(0.5 * (x - _ISLAND), low, 0.5 * (x + _ISLAND), high, 0.75), 0.12, "terrain", "verge")
+        plan.slab(rounded(0.5 * (x - _ISLAND), low, 0.5 * (x + _ISLAND), high, 0.75), "terrain", "verge")
         avenue(plan, rng, ("tree", "hornbeam", "cherry"), 0.5 * x, np.arange(low + 5.2, high, 10.4), pits=False)
         for turn in (0.0, math.pi):
             lamps(plan, 0.5 * x + (0.25 if turn == 0.0 else -0.25), (-8.0, 18.0, 44.0), turn)
-    plan.slab(rounded(-edge - 20.0, high + 7.0, edge + 20.0, _STOP, 2.0), 0.12)
+    plan.slab(rounded(-edge - 20.0, high + 7.0, edge + 20.0, _STOP, 2.0))
     for x0, x1 in ((-_SIDE, -edge), (edge, _SIDE)):
-        plan.slab(rounded(x0, _START, x1, high + 4.0, 1.0), 0.12, "terrain", "verge")
+        plan.slab(rounded(x0, _START, x1, high + 4.0, 1.0), "terrain", "verge")
     for x in (-edge - 1.4, edge + 1.4):
         for y in range(int(low), int(high), 12):
-            hedge = plan.add("vegetation", "hedge", x, float(y), z=0.12, seed=seed_of(rng), size=(1.2, 11.2, 1.3))
+            hedge = plan.add(
+                "vegetation", "hedge", x, float(y), z=plan.height(x, float(y)), seed=seed_of(rng), size=(1.2, 11.2, 1.3)
+            )
             plan.block(hedge, rectangle(x - 0.6, y, x + 0.6, y + 11.2), 1.45)
     for x in (-edge - 6.0, edge + 6.0):
         avenue(plan, rng, ("tree", "plane", "birch"), x, np.arange(-24.0, 60.0, 9.0), pits=False)

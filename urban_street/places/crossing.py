@@ -57,10 +57,10 @@ def site(settings: Settings) -> Site:
     plan.sweep(_ground())
     for left in (True, False):
         for near in (True, False):
-            plan.slab(_corner(left=left, near=near), 0.12)
+            plan.slab(_corner(left=left, near=near))
     islands = [(-0.85, 1.0, 0.85, 7.0), (-0.85, 11.8, 0.85, 14.2), (-0.85, 25.8, 0.85, 28.2), (-0.85, 33.0, 0.85, 39.0)]
     for box in islands:
-        plan.slab(rounded(*box, 0.8), 0.12)
+        plan.slab(rounded(*box, 0.8))
     _add_houses(plan, rng)
     _add_signals(plan)
     for y, heading in ((2.2, 0.0), (37.8, math.pi)):

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from urban_street.site import PlaceSettings
-from urban_street.street.plan import Spot, StreetSettings, disc
+from urban_street.street.plan import KERB_HEIGHT, Spot, StreetSettings, disc
 from urban_street.street.planning import StreetPlan
 from urban_street.street.shapes import Mark, Polygon
 
@@ -17,9 +17,9 @@ from urban_street.street.shapes import Mark, Polygon
 LINE = 0.12
 
 
-def begin(settings: PlaceSettings) -> tuple[StreetPlan, np.random.Generator]:
-    """Return an empty plan and the source of its random choices."""
-    plan = StreetPlan(StreetSettings(seed=settings.seed, season=settings.season))
+def begin(settings: PlaceSettings, floor: float = KERB_HEIGHT) -> tuple[StreetPlan, np.random.Generator]:
+    """Return an empty plan, with houses ``floor`` metres above the road, and the source of its random choices."""
+    plan = StreetPlan(StreetSettings(seed=settings.seed, season=settings.season, kerb_height_m=floor))
     return plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7010]))
 
 

@@ -49,7 +49,7 @@ class Settings(PlaceSettings):
 
 def site(settings: Settings) -> Site:
     """Plan a rural road in milliseconds."""
-    plan, rng = begin(settings)
+    plan, rng = begin(settings, 0.02)
     plan.sweep(_ground())
     _add_ditch(plan)
     _add_verges(plan, rng)
@@ -120,19 +120,18 @@ def _add_verges(plan: StreetPlan, rng: np.random.Generator) -> None:
         (_HALF + 0.25, _VERGE_RIGHT + 2.3, 0.24, 13.0),
     )  # fmt: skip
     for low, high, tall, density in strips:
-        for y in range(-12, 120, 12):
+        for y in np.arange(-12.0, 120.0, 12.0).tolist():
             share = min(1.0, 26.0 / max(y + 14.0, 1.0))
-            wide = high - low
-            x = 0.5 * (_bend(y) + _bend(y + 12.0)) + low if y + 12.0 > _BEND else low
+            x, _ = _beside(y, low)
             plan.add(
-                "terrain", "tufts", x, float(y), seed=seed_of(rng), size=(wide, 12.0, tall, density * share),
+                "terrain", "tufts", x, y, seed=seed_of(rng), size=(high - low, 12.0, tall, density * share),
                 heading=math.atan2(_bend(y) - _bend(y + 12.0), 12.0),
             )  # fmt: skip
 
 
 def _add_furniture(plan: StreetPlan) -> None:
     low, high = _BARRIER
-    barrier = plan.add("guard-rail", "crash-barrier", _HALF + 1.0, low, heading=0.0, size=(high - low,))
+    barrier = plan.add("guard-rail", "crash-barrier", _HALF + 1.0, high, heading=math.pi, size=(high - low,))
     plan.block(barrier, rectangle(_HALF + 0.85, low, _HALF + 1.2, high), 0.75)
     for y in np.arange(-9.0, 250.0, 25.0).tolist():
         turn = math.atan(-0.0022 * max(y - _BEND, 0.0))

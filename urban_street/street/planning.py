@@ -84,8 +84,9 @@ class StreetPlan:
         for object_class in dict.fromkeys(strip.object_class for strip in sweep.strips):
             self.add(object_class, "sweep", 0.0, 0.0, shape=sweep)
 
-    def slab(self, outline: Polygon, height: float, object_class: str = "sidewalk", material: str = "slabs") -> None:
-        """Add a pavement or an island, whose ground is ``height`` metres higher."""
+    def slab(self, outline: Polygon, object_class: str = "sidewalk", material: str = "slabs") -> None:
+        """Add a pavement or an island, whose ground is as high as the kerbs."""
+        height = self.lines.kerb_height
         self.add(object_class, "slab", 0.0, 0.0, shape=Slab(outline, height, material))
         self.ground.append(GroundRegion(outline, height))
 
