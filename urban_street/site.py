@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -112,7 +112,7 @@ class Site:
     cameras: Mapping[str, CameraPlace]
     people: Mapping[str, PersonPlace]
     vehicles: Mapping[str, TrafficPlace]
-    waiting: Mapping[str, TrafficPlace]
+    waiting: Mapping[str, TrafficPlace] = field(default_factory=dict)
     parked: tuple[Placement, ...] = ()
     houses: tuple[Placement, ...] = ()
     ways: tuple[Footprint, ...] = ()

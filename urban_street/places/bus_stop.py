@@ -10,13 +10,13 @@ import shapely
 from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
-from urban_street.places.parts import LINE, around, avenue, begin, lamps, outline_of, sign
+from urban_street.places.parts import LINE, around, avenue, begin, kinds_from, lamps, outline_of, sign
 from urban_street.site import CameraPlace, Pack, PlaceSettings, Reach, Site, draw_season, nearest_cars, numbered
 from urban_street.street.plan import Spot
 from urban_street.street.planning import StreetPlan, seed_of
 from urban_street.street.rows import add_row
 from urban_street.street.shapes import Mark, Strip, Sweep, dashes
-from urban_street.traffic_places import CAR_KINDS, TrafficPlace
+from urban_street.traffic_places import TrafficPlace
 
 #: Half width of the street, depth of the bay, width of the pavements, metres.
 _HALF, _BAY, _PAVEMENT = 3.5, 2.9, 4.6
@@ -81,13 +81,10 @@ def site(settings: Settings) -> Site:
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
             "bus-101": TrafficPlace(_HALF + 1.55, 30.2, 0.0, shown=True),
-            "car-101": TrafficPlace(
-                -1.2, 36.0, 180.0, ("hatchback", *(k for k in CAR_KINDS if k != "hatchback")), shown=True
-            ),
+            "car-101": TrafficPlace(-1.2, 36.0, 180.0, kinds_from("hatchback"), shown=True),
             "bicycle-101": TrafficPlace(2.6, 12.0, 0.0, rider="rider-101"),
             "truck-101": TrafficPlace(1.75, 60.0, 0.0),
         },
-        waiting={},
         parked=nearest_cars(layout, 2, 30.0),
         reach=Reach(people=(-8.0, 0.0, 11.0, 90.0), vehicles=extent, cameras=extent),
     )

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
-from urban_street.places.parts import avenue, begin, lamps, rounded, sign
+from urban_street.places.parts import avenue, begin, kinds_from, lamps, rounded, sign
 from urban_street.site import (
     CameraPlace,
     Pack,
@@ -27,7 +27,7 @@ from urban_street.street.plan import Spot, rectangle
 from urban_street.street.planning import StreetPlan, seed_of
 from urban_street.street.rows import add_row
 from urban_street.street.shapes import Mark, Strip, Sweep
-from urban_street.traffic_places import CAR_KINDS, TrafficPlace
+from urban_street.traffic_places import TrafficPlace
 
 #: Half width of an aisle, depth and width of a bay, width of a planted island, metres.
 _AISLE, _BAY, _WIDE, _ISLAND = 3.1, 5.1, 2.6, 1.6
@@ -100,13 +100,10 @@ def site(settings: Settings) -> Site:
         cameras=CAMERAS,
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
-            "car-101": TrafficPlace(
-                -1.6, 40.0, 180.0, ("suv", *(kind for kind in CAR_KINDS if kind != "suv")), shown=True
-            ),
+            "car-101": TrafficPlace(-1.6, 40.0, 180.0, kinds_from("suv"), shown=True),
             "bicycle-101": TrafficPlace(1.9, 20.0, 0.0, rider="rider-101"),
             "motorcycle-101": TrafficPlace(1.8, 26.0, 0.0, rider="rider-102"),
         },
-        waiting={},
         parked=nearest_cars(layout, 4, 12.0),
         sky=Sky(300.0, 190.0, 40.0),
         reach=Reach(people=(-30.0, -8.0, 30.0, 55.0), vehicles=extent, cameras=extent),

@@ -14,13 +14,13 @@ import shapely
 from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
-from urban_street.places.parts import LINE, around, avenue, begin, lamps, line, outline_of, rounded, sign
+from urban_street.places.parts import LINE, around, avenue, begin, kinds_from, lamps, line, outline_of, rounded, sign
 from urban_street.site import CameraPlace, Pack, PlaceSettings, Reach, Site, Sky, draw_season, nearest_cars, numbered
 from urban_street.street.plan import Spot
 from urban_street.street.planning import StreetPlan
 from urban_street.street.rows import HOUSE_DEPTH, add_row
 from urban_street.street.shapes import Head, Mark, Signals, Strip, Sweep, bars, dashes
-from urban_street.traffic_places import CAR_KINDS, TrafficPlace
+from urban_street.traffic_places import TrafficPlace
 
 #: Half widths of the streets along y and x, half width of the painted median, and the middle of the crossing, metres.
 _ALONG, _ACROSS, _MEDIAN, _MIDDLE = 7.5, 3.75, 1.0, 20.0
@@ -29,7 +29,11 @@ _CORNER, _PAVEMENT = 4.5, 4.0
 #: Distances of zebra crossings and stop lines from the middle: over the street along y, and over the one along x.
 _ZEBRA_ALONG, _ZEBRA_ACROSS, _STOP_ALONG, _STOP_ACROSS = (8.6, 12.6), (12.4, 16.0), (13.8, 14.3), (17.2, 17.7)
 _START, _STOP, _SIDE = -70.0, 112.0, 80.0
-_TALL: Final = {"column": 3.1}
+#: Furniture: kind, place, radius and height, metres.
+_FURNITURE: Final = (
+    ("bench", 10.6, 38.0, 0.95, None), ("litter-bin", 8.1, 33.8, 0.25, None), ("litter-bin", -8.1, 5.2, 0.25, None),
+    ("column", -10.2, 2.0, 0.72, 3.1),
+)  # fmt: skip
 _PEOPLE: Final = (
     PersonPlace(3.2, 9.2, 90.0, "yellow-shirt"),
     PersonPlace(-3.4, 9.9, 270.0, "black-outfit"),
@@ -77,13 +81,8 @@ def site(settings: Settings) -> Site:
         ("sedan", -2.6, 36.9, 180.0), ("van", -5.9, 37.4, 180.0), ("hatchback", -2.6, 44.0, 180.0),
     ):  # fmt: skip
         plan.park(kind, Spot(x, y, math.radians(turn)), int(rng.integers(6)))
-    for kind, x, y in (
-        ("bench", 10.6, 38.0),
-        ("litter-bin", 8.1, 33.8),
-        ("litter-bin", -8.1, 5.2),
-        ("column", -10.2, 2.0),
-    ):
-        plan.stand("static", kind, Spot(x, y, 0.5 * math.pi if x > 0 else -0.5 * math.pi), 0.8, height=_TALL.get(kind))
+    for kind, x, y, radius, height in _FURNITURE:
+        plan.stand("static", kind, Spot(x, y, math.copysign(0.5 * math.pi, x)), radius, height=height)
     extent = (-40.0, -40.0, 40.0, 100.0)
     layout = plan.layout(extent)
     return Site(
@@ -94,13 +93,10 @@ def site(settings: Settings) -> Site:
         cameras=CAMERAS,
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
-            "car-101": TrafficPlace(
-                -13.0, 18.1, 270.0, ("sedan", *(k for k in CAR_KINDS if k != "sedan")), shown=False
-            ),
+            "car-101": TrafficPlace(-13.0, 18.1, 270.0, kinds_from("sedan")),
             "bicycle-101": TrafficPlace(4.4, 21.9, 90.0, rider="rider-101", shown=True),
             "bus-101": TrafficPlace(-5.8, 62.0, 180.0),
         },
-        waiting={},
         parked=nearest_cars(layout, 2, 20.0),
         sky=Sky(310.0, 180.0, 42.0),
         reach=Reach(people=(-30.0, -20.0, 30.0, 90.0), vehicles=extent, cameras=extent),

@@ -11,12 +11,12 @@ import numpy as np
 from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
-from urban_street.places.parts import begin, plant
+from urban_street.places.parts import begin, kinds_from, plant
 from urban_street.site import CameraPlace, Pack, PlaceSettings, Reach, Site, Sky, draw_season, numbered
 from urban_street.street.plan import Spot, rectangle
 from urban_street.street.planning import StreetPlan, seed_of
 from urban_street.street.shapes import Edge, Mark, Strip, Sweep, dashes
-from urban_street.traffic_places import CAR_KINDS, TrafficPlace
+from urban_street.traffic_places import TrafficPlace
 
 #: Width of a lane, of the shoulder, of the exit's lane and of its lines, metres.
 _LANE, _SHOULDER, _EXIT, _LINE = 3.75, 2.5, 3.5, 0.25
@@ -61,14 +61,11 @@ def site(settings: Settings) -> Site:
         cameras=CAMERAS,
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
-            "car-101": TrafficPlace(
-                -1.85, 34.0, 0.0, ("sedan", *(kind for kind in CAR_KINDS if kind != "sedan")), shown=True
-            ),
+            "car-101": TrafficPlace(-1.85, 34.0, 0.0, kinds_from("sedan"), shown=True),
             "truck-101": TrafficPlace(1.9, 58.0, 0.0, shown=True),
             "bus-101": TrafficPlace(1.9, 84.0, 0.0),
             "motorcycle-101": TrafficPlace(5.4, 30.0, 0.0, rider="rider-102"),
         },
-        waiting={},
         parked=(car,),
         reach=Reach(people=(-12.0, -8.0, 30.0, 100.0), vehicles=extent, cameras=extent),
         sky=Sky(20.0, 170.0, 42.0),

@@ -12,6 +12,7 @@ from urban_street.site import PlaceSettings
 from urban_street.street.plan import KERB_HEIGHT, Spot, StreetSettings, disc
 from urban_street.street.planning import StreetPlan
 from urban_street.street.shapes import Mark, Polygon
+from urban_street.traffic_places import CAR_KINDS
 
 #: Width of narrow markings, metres.
 LINE = 0.12
@@ -33,6 +34,11 @@ def outline_of(shape: shapely.Polygon) -> Polygon:
     """Return the corners of a polygon without holes, counter-clockwise, to tenths of a millimetre."""
     corners = shapely.orient_polygons(shape.simplify(1e-4)).exterior.coords
     return tuple((round(x, 4), round(y, 4)) for x, y in corners[:-1])
+
+
+def kinds_from(first: str) -> tuple[str, ...]:
+    """Return all kinds of cars, ``first`` first."""
+    return (first, *(kind for kind in CAR_KINDS if kind != first))
 
 
 def line(along: tuple[float, float], across: float, width: float = LINE) -> Mark:

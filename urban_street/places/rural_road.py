@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
-from urban_street.places.parts import around, begin, line, plant, sign
+from urban_street.places.parts import around, begin, kinds_from, line, plant, sign
 from urban_street.site import CameraPlace, Pack, PlaceSettings, Reach, Site, Sky, draw_season, numbered
 from urban_street.street.plan import Spot, rectangle
 from urban_street.street.planning import StreetPlan, seed_of
@@ -65,14 +65,11 @@ def site(settings: Settings) -> Site:
         cameras=CAMERAS,
         people=numbered(_PEOPLE[: settings.persons]),
         vehicles={
-            "car-101": TrafficPlace(
-                round(_bend(62.0) - 1.7, 2), 62.0, 180.0, ("estate", "hatchback", "sedan", "suv", "van"), shown=True
-            ),
+            "car-101": TrafficPlace(round(_bend(62.0) - 1.7, 2), 62.0, 180.0, kinds_from("estate"), shown=True),
             "bicycle-101": TrafficPlace(2.85, 30.0, 0.0, rider="rider-101", shown=True),
             "truck-101": TrafficPlace(round(_bend(96.0) - 1.75, 2), 96.0, 180.0),
             "motorcycle-101": TrafficPlace(-1.6, 30.0, 180.0, rider="rider-102"),
         },
-        waiting={},
         reach=Reach(people=(-15.0, -8.0, 15.0, 100.0), vehicles=extent, cameras=extent),
         sky=Sky(60.0, 200.0, 38.0),
     )
