@@ -126,7 +126,7 @@ class Street:
         return leaks
 
 
-def assert_closed(street: Street, rays: int, seed: int) -> None:
+def assert_closed(street: Street, rays: int, seed: int, reach: float = 60.0) -> None:
     """Check that no ray sees an underside of the ground, or a gap in it.
 
     Half of the rays look anywhere, half at edges of the ground, where parts meet.
@@ -147,8 +147,8 @@ def assert_closed(street: Street, rays: int, seed: int) -> None:
     assert not [name for name in counts if name[0].startswith(GROUND)], counts.most_common(20)
 
     hit, starts = street.drawn(origins, directions)
-    # What a ray reaches before it is 60 m away on the ground is part of the street.
-    steep = directions[:, 2] < -3.2 / 60.0 * np.linalg.norm(directions[:, :2], axis=1)
+    # What a ray reaches before it is so far away on the ground is part of the street.
+    steep = directions[:, 2] < -3.2 / reach * np.linalg.norm(directions[:, :2], axis=1)
     assert not (hit[steep] < 0).any()
     gaps = street.gaps(hit, starts, directions)
     # In single precision a ray in a million slips through an edge that two triangles share. A gap has a width: of eight rays half

@@ -62,7 +62,7 @@ def layout_of(name: str, seed: int) -> Any:
 def test_no_ray_finds_an_underside_of_the_ground_or_a_gap(name: str) -> None:
     layout = layout_of(name, 3)
     x0, y0, x1, y1 = layout.extent
-    assert_closed(Street.of(layout, build_street(layout), ((x0, y0, 0.25), (x1, y1, 3.0))), 60_000, seed=7)
+    assert_closed(Street.of(layout, build_street(layout), ((x0, y0, 0.25), (x1, y1, 3.0))), 60_000, seed=7, reach=35.0)
 
 
 @pytest.mark.parametrize("name", PLACES)

@@ -22,7 +22,7 @@ from urban_street.traffic_places import TrafficPlace
 _HALF, _BAY, _PAVEMENT = 3.5, 2.9, 4.6
 #: y of the bay's corners: where it begins, is deep, is no longer deep, and ends.
 _ALONG: Final = (3.0, 11.0, 38.0, 46.0)
-_START, _STOP, _SIDE, _ROUND = -60.0, 130.0, 60.0, 4.0
+_START, _STOP, _SIDE, _ROUND = -70.0, 130.0, 60.0, 4.0
 #: Place of the shelter, and of the stop's flag, metres.
 _SHELTER, _FLAG = (_HALF + _BAY + 2.1, 19.0), (_HALF + _BAY + 0.6, 35.0)
 _PEOPLE: Final = (
@@ -70,7 +70,7 @@ def site(settings: Settings) -> Site:
     sign(plan, 5, Spot(_HALF + 0.5, 49.5, 0.0))
     for kind, y in (("hatchback", 47.5), ("estate", 54.0), ("suv", 66.0), ("sedan", 72.5)):
         plan.park(kind, Spot(-_HALF + 1.1, y, math.pi), int(rng.integers(8)))
-    extent = (-8.0, -30.0, 11.0, 100.0)
+    extent = (-8.0, -30.0, 11.0, 90.0)
     layout = plan.layout(extent)
     return Site(
         name="bus-stop",

@@ -32,7 +32,7 @@ from urban_street.traffic_places import TrafficPlace
 #: Half width of an aisle, depth and width of a bay, width of a planted island, metres.
 _AISLE, _BAY, _WIDE, _ISLAND = 3.1, 5.1, 2.6, 1.6
 #: Ends of the rows, and of the ground, metres.
-_ROWS, _START, _STOP, _SIDE = (-18.2, 49.0), -60.0, 130.0, 90.0
+_ROWS, _START, _STOP, _SIDE = (-18.2, 49.0), -80.0, 130.0, 90.0
 #: Middles of the aisles.
 _AISLES: Final = tuple((2.0 * (_AISLE + _BAY) + _ISLAND) * k for k in (-1, 0, 1))
 #: Shares of bays with a car at the middle aisle and at the others, and of parked cars by kind.

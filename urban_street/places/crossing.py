@@ -28,7 +28,8 @@ _ALONG, _ACROSS, _MEDIAN, _MIDDLE = 7.5, 3.75, 1.0, 20.0
 _CORNER, _PAVEMENT = 4.5, 4.0
 #: Distances of zebra crossings and stop lines from the middle: over the street along y, and over the one along x.
 _ZEBRA_ALONG, _ZEBRA_ACROSS, _STOP_ALONG, _STOP_ACROSS = (8.6, 12.6), (12.4, 16.0), (13.8, 14.3), (17.2, 17.7)
-_START, _STOP, _SIDE = -70.0, 112.0, 80.0
+#: Ends of the ground along both streets, and of the rows of houses.
+_START, _STOP, _SIDE, _ROWS = -80.0, 130.0, 80.0, 104.0
 #: Furniture: kind, place, radius and height, metres.
 _FURNITURE: Final = (
     ("bench", 10.6, 38.0, 0.95, None), ("litter-bin", 8.1, 33.8, 0.25, None), ("litter-bin", -8.1, 5.2, 0.25, None),
@@ -83,7 +84,7 @@ def site(settings: Settings) -> Site:
         plan.park(kind, Spot(x, y, math.radians(turn)), int(rng.integers(6)))
     for kind, x, y, radius, height in _FURNITURE:
         plan.stand("static", kind, Spot(x, y, math.copysign(0.5 * math.pi, x)), radius, height=height)
-    extent = (-40.0, -40.0, 40.0, 100.0)
+    extent = (-40.0, -40.0, 40.0, 90.0)
     layout = plan.layout(extent)
     return Site(
         name="street-crossing",
@@ -153,16 +154,16 @@ def _add_houses(plan: StreetPlan, rng: np.random.Generator) -> None:
     front, side = _ALONG + _PAVEMENT, _ACROSS + _PAVEMENT
     low, high = _MIDDLE - side, _MIDDLE + side
     quarter, half = 0.5 * math.pi, math.pi
-    add_row(plan, rng, Spot(-front, high, quarter), _STOP - 8.0 - high, (True, False))
+    add_row(plan, rng, Spot(-front, high, quarter), _ROWS - high, (True, False))
     add_row(plan, rng, Spot(-front, -45.0, quarter), low + 45.0, (False, True))
-    add_row(plan, rng, Spot(front, _STOP - 8.0, -quarter), _STOP - 8.0 - high, (False, True))
+    add_row(plan, rng, Spot(front, _ROWS, -quarter), _ROWS - high, (False, True))
     add_row(plan, rng, Spot(front, low, -quarter), low + 45.0, (True, False))
     back = front + HOUSE_DEPTH
     for x in (-_SIDE + 10.0, back):
         add_row(plan, rng, Spot(x, high, 0.0), _SIDE - 10.0 - back)
         add_row(plan, rng, Spot(x + _SIDE - 10.0 - back, low, half), _SIDE - 10.0 - back)
     for spot, width in (
-        (Spot(-22.0, _STOP - 4.0, 0.0), 44.0), (Spot(-_SIDE + 8.0, _MIDDLE - 12.0, quarter), 24.0),
+        (Spot(-22.0, _ROWS + 4.0, 0.0), 44.0), (Spot(-_SIDE + 8.0, _MIDDLE - 12.0, quarter), 24.0),
         (Spot(_SIDE - 8.0, _MIDDLE + 12.0, -quarter), 24.0),
     ):  # fmt: skip
         add_row(plan, rng, spot, width)

@@ -26,7 +26,7 @@ _HALF, _EDGE = 3.5, 3.2
 _DITCH, _VERGE_RIGHT = (-5.6, -6.2, -6.7, -7.6), 5.6
 _DEPTH = -0.55
 #: Ends of the modelled road, start of its bend, and width of the fields, metres.
-_START, _STOP, _BEND, _SIDE = -60.0, 420.0, 34.0, 300.0
+_START, _STOP, _BEND, _SIDE = -80.0, 420.0, 34.0, 300.0
 #: From where to where the crash barrier stands on the right, metres.
 _BARRIER = (8.0, 44.0)
 _PEOPLE: Final = (
