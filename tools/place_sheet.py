@@ -45,7 +45,7 @@ PLACES: Final[dict[str, tuple[Condition, ...]]] = {
     "motorway-exit": (
         Condition("by day", {}, {}),
         Condition("low sun", {"sun-1.elevation": 10.0, "sun-1.azimuth": 110.0}, {}, camera="camera-2"),
-        Condition("rain", _RAIN, {}, sensor={"exposure_ev": 1.3}, camera="camera-3"),
+        Condition("dusk", _DUSK, {}, sensor=_METERED, camera="camera-3"),
     ),
 }  # fmt: skip
 
@@ -64,7 +64,7 @@ def main(out: Path) -> None:
                 sys.stdout.flush()
     finally:
         engine.close()
-    contact_sheet(tiles, 3).save(out / "places.jpg", quality=78, optimize=True)
+    contact_sheet(tiles, 3).save(out / "places.jpg", quality=70, optimize=True)
 
 
 if __name__ == "__main__":
