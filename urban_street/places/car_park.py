@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
-from urban_street.places.parts import avenue, begin, kinds_from, lamps, rounded, sign
+from urban_street.places.parts import avenue, begin, kinds_from, lamps, plant, rounded, sign
 from urban_street.site import (
     CameraPlace,
     Pack,
@@ -84,14 +84,17 @@ def site(settings: Settings) -> Site:
             )
             plan.block(hedge, rectangle(x - 0.6, y, x + 0.6, y + 11.2), 1.45)
     for x in (-edge - 6.0, edge + 6.0):
-        avenue(plan, rng, ("tree", "plane", "birch"), x, np.arange(-24.0, 60.0, 9.0), pits=False)
+        for y in np.arange(-24.0, 60.0, 9.0).tolist():
+            plant(
+                plan, rng, str(rng.choice(("far-tree", "far-plane", "far-birch"))), x, y + float(rng.uniform(-0.8, 0.8))
+            )
     _add_cars(plan, rng)
     add_row(plan, rng, Spot(-44.0, high + 13.0, 0.0), 88.0)
     for x in (-24.0, -13.0, -4.0, 5.0, 14.0, 25.0):
         avenue(plan, rng, ("hornbeam", "cherry"), x, (high + 8.4,))
     sign(plan, 5, Spot(_AISLES[1] + _AISLE + _BAY + 0.8, -4.5, 0.0))
     extent = (-45.0, -40.0, 45.0, 60.0)
-    layout = replace(plan.layout(extent), near=(-10.0, -20.0, 10.0, 34.0))
+    layout = replace(plan.layout(extent), near=(-10.0, -20.0, 10.0, 8.0))
     return Site(
         name="car-park",
         title="Car park",

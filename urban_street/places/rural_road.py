@@ -145,7 +145,7 @@ def _add_plants(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Add a hedge and trees along the fields, a farm, and woods that close the view."""
     for y in np.arange(13.0, 38.0, 1.3).tolist():
         x, _ = _beside(y, 9.6 + float(rng.uniform(-0.35, 0.35)))
-        plant(plan, rng, str(rng.choice(("cherry", "cherry", "hornbeam"))), x, y, 0.58, 1.25)
+        plant(plan, rng, str(rng.choice(("far-cherry", "far-cherry", "far-hornbeam"))), x, y, 0.58, 1.25)
     for y, right, kind in (
         (11.0, -9.6, "tree"), (23.0, -9.3, "birch"), (36.0, -9.8, "tree"), (50.0, -9.5, "plane"), (64.0, -9.7, "tree"),
         (40.0, 9.6, "tree"), (53.0, 10.0, "plane"), (70.0, 9.4, "birch"), (84.0, 9.6, "tree"), (80.0, -9.5, "tree"),
@@ -155,13 +155,13 @@ def _add_plants(plan: StreetPlan, rng: np.random.Generator) -> None:
     spot = Spot(-62.0, 118.0, math.radians(20.0))
     add_house(plan, rng, "gable", spot, 11.0, floors=(2,))
     add_house(plan, rng, "plain", Spot(-49.0, 124.0, math.radians(20.0)), 14.0, floors=(2,))
-    for k in range(110):
-        x = -170.0 + 3.0 * k + float(rng.uniform(-1.5, 1.5))
+    for k in range(76):
+        x = -170.0 + 4.3 * k + float(rng.uniform(-1.5, 1.5))
         y = 250.0 - 0.25 * abs(x) + float(rng.uniform(-9.0, 9.0))
         if abs(x - _bend(y)) > 8.0:
             plant(plan, rng, "far-tree", x, y, 1.35, 3.2 * (k % 2))
-    for k in range(26):
-        x, y = 52.0 + float(rng.uniform(-4.0, 4.0)), 40.0 + 5.0 * k
+    for k in range(16):
+        x, y = 52.0 + float(rng.uniform(-4.0, 4.0)), 40.0 + 8.0 * k
         plant(plan, rng, "far-tree", x, y, 1.1, 2.9 * (k % 2))
 
 
