@@ -20,6 +20,11 @@ class Meaning(NamedTuple):
 _MEANINGS: Final = {
     f"{SUN_PATH}.elevation": Meaning(OddAttribute.ILLUMINATION, "from night to noon in central Europe"),
     f"{ENVIRONMENT_PATH}.rain": Meaning(OddAttribute.RAINFALL, "ISO 34503: up to the end of heavy rain"),
+    f"{ENVIRONMENT_PATH}.snowfall": Meaning(
+        OddAttribute.SNOWFALL, "ISO 34503: up to heavy snow, visibility below 500 m"
+    ),
+    f"{ENVIRONMENT_PATH}.snow_depth": Meaning(OddAttribute.DRIVABLE_AREA_SURFACE, "until the depth would hide kerbs"),
+    f"{ENVIRONMENT_PATH}.leaf_litter": Meaning(OddAttribute.DRIVABLE_AREA_SURFACE, "single leaves to a carpet"),
     f"{ENVIRONMENT_PATH}.visibility": Meaning(OddAttribute.PARTICULATES, "fog; the largest value is clear air"),
     f"{ENVIRONMENT_PATH}.turbidity": Meaning(OddAttribute.PARTICULATES, "clear air to haze"),
     f"{ENVIRONMENT_PATH}.cloud_cover": Meaning(OddAttribute.CLOUDINESS, "the whole possible range"),

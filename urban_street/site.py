@@ -287,6 +287,7 @@ def _parameters(site: Site) -> Iterator[ParameterDefinition]:
                 f"{placement.path}.kind", tuple(PHASES), DEFAULT_PHASE, Affects.GEOMETRY, "phase of all signals"
             )
     yield from _other_parameters(site)
+    yield from _season_parameters(site.layout.settings.season)
 
 
 def _parked_parameters(car: Placement, seed: int, reach: Box) -> Iterator[ParameterDefinition]:
@@ -328,6 +329,39 @@ def _other_parameters(site: Site) -> Iterator[ParameterDefinition]:
         yield from _camera_parameters(f"{ROOT}.{name}", camera, site.reach.cameras)
     for row in SENSOR_PARAMETERS.values():
         yield row.definition()
+
+
+def _season_parameters(season: Season) -> Iterator[ParameterDefinition]:
+    """Declare snow outside summer, and fallen leaves where trees lose theirs."""
+    if season != "summer":
+        yield number(
+            f"{ENVIRONMENT_PATH}.snowfall",
+            0.0,
+            8.0,
+            0.0,
+            Affects.LIGHT,
+            "mm/h",
+            "of water; adds flakes, reduces visibility",
+        )
+        yield number(
+            f"{ENVIRONMENT_PATH}.snow_depth",
+            0.0,
+            0.2,
+            0.0,
+            Affects.LIGHT,
+            "m",
+            "of lying snow; labels stay the surface's",
+        )
+    if season in ("autumn", "winter"):
+        yield number(
+            f"{ENVIRONMENT_PATH}.leaf_litter",
+            0.0,
+            0.8,
+            0.0,
+            Affects.LIGHT,
+            "",
+            "share of level surfaces under fallen leaves",
+        )
 
 
 def _camera_parameters(path: str, camera: CameraPlace, reach: Box) -> Iterator[ParameterDefinition]:

@@ -224,11 +224,12 @@ def _ground() -> list[Material]:
                 f"{name}-roughness",
                 metallic=1.0,
                 roughness=1.0,
+                traffic=1.0,
             )
             for name in _SURFACES
         ),
         Material("road-paint", (0.55, 0.54, 0.51), roughness=0.7),
-        Material("paving", white, "paving", "paving-normal", "paving-roughness", roughness=1.0),
+        Material("paving", white, "paving", "paving-normal", "paving-roughness", roughness=1.0, traffic=0.5),
         Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
         Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
         Material("turf", white, "turf", roughness=0.95),

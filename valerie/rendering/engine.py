@@ -14,11 +14,14 @@ from valerie.parameters.definitions import Value
 
 
 class Ability(StrEnum):
-    """An effect that some engines cannot show. The first five are attributes of the scene's environment."""
+    """An effect that some engines cannot show. The first eight are attributes of the scene's environment."""
 
     CLOUDS = "cloud_cover"
     FOG = "visibility"
     RAIN = "rain"
+    SNOWFALL = "snowfall"
+    SNOW = "snow_depth"
+    LEAVES = "leaf_litter"
     STREET_LAMPS = "street_lamps"
     CAR_LAMPS = "car_lamps"
     #: Scenes with the sun below the horizon.

@@ -19,7 +19,7 @@ Floats = NDArray[np.float32]
 OPACITY: Final = 0.3
 _LAYERS: Final = 4
 #: Samples per pixel in each direction, as in the raster engine.
-_SAMPLES: Final = 2
+SAMPLES: Final = 2
 
 
 def rained_on(pixels: Floats, drops: float, light: NDArray[np.float64], part: Rectangle, image_height: int) -> Floats:
@@ -46,29 +46,38 @@ def streaks(drops: float, part: Rectangle, image_height: int) -> Floats:
 
     The pattern consists of layers of cells. A cell has at most one drop, stretched by its fall during the exposure.
     """
-    samples = np.zeros((part.height * _SAMPLES, part.width * _SAMPLES), np.float32)
-    y, x = np.indices(samples.shape, np.float32)
-    at_x = (x + np.float32(part.x * _SAMPLES + 0.5)) / np.float32(image_height)
-    # The shader counts rows from the bottom.
-    at_y = (np.float32((image_height - part.y) * _SAMPLES - 0.5) - y) / np.float32(image_height)
+    place_x, place_y = sample_places(part, image_height)
+    samples = np.zeros(place_x.shape, np.float32)
+    at_x, at_y = place_x / np.float32(image_height), place_y / np.float32(image_height)
     for layer in range(_LAYERS):
         finer = np.float32(1.0 + 0.7 * layer)
         cells_y = at_y * 5 * finer
         cells_x = at_x * 30 * finer + cells_y * np.float32(0.12)
         number = np.float32(layer)
-        cells_y = cells_y + _random(np.floor(cells_x), number, np.float32(7.0))
+        cells_y = cells_y + random_of(np.floor(cells_x), number, np.float32(7.0))
         column, row = np.floor(cells_x), np.floor(cells_y)
-        centre = np.float32(0.15) + np.float32(0.7) * _random(column + 11, row + 11, number + 11)
-        thin = 1 - _smoothstep(0.0, 0.035, np.abs(cells_x - column - centre))
+        centre = np.float32(0.15) + np.float32(0.7) * random_of(column + 11, row + 11, number + 11)
+        thin = 1 - smoothstep(0.0, 0.035, np.abs(cells_x - column - centre))
         inside = cells_y - row
-        long_side = _smoothstep(0.0, 0.3, inside) * (1 - _smoothstep(0.5, 0.9, inside))
-        falls = _random(column, row, number) < np.float32(drops * 1.6)
+        long_side = smoothstep(0.0, 0.3, inside) * (1 - smoothstep(0.5, 0.9, inside))
+        falls = random_of(column, row, number) < np.float32(drops * 1.6)
         np.maximum(samples, np.where(falls, thin * long_side / finer, 0), out=samples)
-    blocks = samples.reshape(part.height, _SAMPLES, part.width, _SAMPLES)
+    return block_means(samples, part)
+
+
+def sample_places(part: Rectangle, image_height: int) -> tuple[Floats, Floats]:
+    """Return x and y of the samples of a part of an image, (h · SAMPLES, w · SAMPLES) each, counted from the lower left corner."""
+    y, x = np.indices((part.height * SAMPLES, part.width * SAMPLES), np.float32)
+    return x + np.float32(part.x * SAMPLES + 0.5), np.float32((image_height - part.y) * SAMPLES - 0.5) - y
+
+
+def block_means(samples: Floats, part: Rectangle) -> Floats:
+    """Return the means of the samples of each pixel, (h, w)."""
+    blocks = samples.reshape(part.height, SAMPLES, part.width, SAMPLES)
     return np.asarray(blocks.mean(axis=(1, 3)), np.float32)
 
 
-def _random(x: Floats | np.float32, y: Floats | np.float32, z: Floats | np.float32) -> Floats:
+def random_of(x: Floats | np.float32, y: Floats | np.float32, z: Floats | np.float32) -> Floats:
     """Return a pseudo-random number in [0, 1) of a cell, in the shader's precision, since every bit changes the result."""
     parts = [
         (value * np.float32(factor)) % 1 for value, factor in zip((x, y, z), (0.1031, 0.1030, 0.0973), strict=True)
@@ -78,6 +87,7 @@ def _random(x: Floats | np.float32, y: Floats | np.float32, z: Floats | np.float
     return np.asarray((p + q) * r % 1, np.float32)
 
 
-def _smoothstep(low: float, high: float, x: Floats) -> Floats:
+def smoothstep(low: float | Floats, high: float | Floats, x: Floats) -> Floats:
+    """Return GLSL's smooth step from 0 at ``low`` to 1 at ``high``."""
     t = ((x - np.float32(low)) / np.float32(high - low)).clip(0, 1)
     return np.asarray(t * t * (3 - 2 * t), np.float32)

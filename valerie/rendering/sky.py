@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from valerie.color import LUMINANCE
 from valerie.scene.graph.model import CLEAR_VISIBILITY_M, Environment, Scene
-from valerie.scene.light.weather import wetness
+from valerie.scene.light.weather import flakes_per_m3, snow_cover, snow_extinction, wetness
 
 Array = NDArray[np.float64]
 
@@ -60,6 +60,9 @@ _MIE_G: Final = 0.76
 #: Colour of the sun above the atmosphere; slightly blue, so that noon light (sun and sky together) is white.
 _SUN_ABOVE_AIR: Final = np.array([0.96, 1.0, 1.07])
 _GROUND_ALBEDO: Final = 0.2
+#: Albedo of fresh snow in a town, linear RGB (S. Warren, "Optical properties of snow", Rev. Geophys. 20, 1982,
+#: doi:10.1029/RG020i001p00067, less the soot and dust of a street).
+SNOW_ALBEDO: Final = np.array([0.80, 0.82, 0.85])
 _BRIGHTEST_SKY: Final = 0.6
 #: Elevation at which the sun's upper edge sets, degrees, without the refraction that the polynomials below include.
 _SUNSET: Final = -0.8
@@ -87,12 +90,15 @@ class Sky:
         table: (ELEVATIONS, AZIMUTHS, 3) float32 sky radiance, see `sky_directions`.
         extinction: (3,) extinction coefficient of the air at the ground, per metre.
         haze: (3,) radiance of the horizon, into which distant things fade.
-        ground: (3,) radiance of sunlit and skylit ground of albedo 0.2.
+        ground: (3,) radiance of sunlit and skylit ground of albedo 0.2, or of snow.
         sky_irradiance: (3,) irradiance of a horizontal surface by the whole sky, without the sun.
         lux: illuminance of the ground by sun and sky.
-        fog: the part of ``extinction`` by fog and rain, per metre; 0 in clear air.
+        fog: the part of ``extinction`` by fog, rain and snowfall, per metre; 0 in clear air.
         wetness: wetness of surfaces that face up, 0 dry … 1 wet.
         drops: share of the image that rain streaks cross, 0 without rain.
+        flakes: visible snowflakes per cubic metre of air.
+        snow_depth: metres of lying snow.
+        leaf_litter: share of level surfaces that leaves cover.
     """
 
     sun_direction: Array
@@ -106,6 +112,9 @@ class Sky:
     fog: float
     wetness: float
     drops: float
+    flakes: float
+    snow_depth: float
+    leaf_litter: float
 
     def radiance(self, directions: Array) -> Array:
         """Return the sky's radiance, (N, 3), in world directions above the horizon, (N, 3), from the nearest table entries."""
@@ -120,7 +129,7 @@ class Sky:
 
 
 def sky_of(scene: Scene) -> Sky:
-    """Return the sky of a scene. In clear air without clouds and rain it is exactly the clear sky's model."""
+    """Return the sky of a scene. In clear air without clouds, rain and snow it is exactly the clear sky's model."""
     sun, environment = scene.sun, scene.environment
     sun_color, table, extinction = _unit_sky(sun.elevation, environment.turbidity)
     if np.rad2deg(sun.elevation) < DUSK:
@@ -144,7 +153,8 @@ def sky_of(scene: Scene) -> Sky:
         share = fog / (fog + float(extinction[1]))
         haze = (1 - share) * haze + share * 0.7 * (sky_irradiance + direct * height)
         extinction = extinction + fog
-    ground = _GROUND_ALBEDO * (direct * height + sky_irradiance)
+    albedo = _GROUND_ALBEDO + snow_cover(environment.snow_depth) * (SNOW_ALBEDO - _GROUND_ALBEDO)
+    ground = albedo * (direct * height + sky_irradiance)
     return Sky(
         sun_direction=scene.sun_direction(),
         sun=direct,
@@ -157,19 +167,22 @@ def sky_of(scene: Scene) -> Sky:
         fog=fog,
         wetness=wetness(environment.rain),
         drops=0.0 if environment.rain <= 0 else float(np.clip(0.08 * environment.rain**0.5, 0.0, 0.5)),
+        flakes=flakes_per_m3(environment.snowfall),
+        snow_depth=environment.snow_depth,
+        leaf_litter=environment.leaf_litter,
     )
 
 
 def fog_extinction(environment: Environment) -> float:
-    """Return the extinction coefficient of fog and rain, per metre.
+    """Return the extinction coefficient of fog, rain and snowfall, per metre.
 
     Fog: Koschmieder 1924, −ln(0.02) / visibility, minus the value at `CLEAR_VISIBILITY_M`. Rain: 1.076 R^0.67 dB/km for R in
-    mm/h (Carbonneau and Wisely 1998, doi:10.1117/12.326801).
+    mm/h (Carbonneau and Wisely 1998, doi:10.1117/12.326801). Snowfall: `snow_extinction`.
     """
     koschmieder = -np.log(0.02)
     fog = koschmieder * max(1 / environment.visibility - 1 / CLEAR_VISIBILITY_M, 0.0)
     rain = 1.076 * environment.rain**0.67 * np.log(10) / 10 / 1000 if environment.rain > 0 else 0.0
-    return float(fog + rain)
+    return float(fog + rain + snow_extinction(environment.snowfall))
 
 
 def _dusk(sun_color: Array, table: Array, elevation: float) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
 from valerie.rendering.raster.gl.targets import SAMPLES, ScreenPass, area_of, surface_target
 from valerie.rendering.raster.gl.tiles import TILE, Area, Mask, TileGrid, widened
 from valerie.rendering.raster.light.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
-from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
+from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, falling_light, tiles_of
 from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
 from valerie.rendering.raster.upload.context import GraphicsContext, process_context
@@ -269,8 +269,10 @@ class RasterRenderer:
         static = maps(self._lamp_maps, lamps.shadowed)
         moving = maps(self._moving_lamp_maps, lamps.moving_shadowed) if movables and lamps.moving_shadowed else None
         casters = self._lamp_shadows.movable(prepared, lamps, frame.table) if movables and prepared.placed else None
-        bounce = bounced(lamps.still, prepared.statics.geometry.core_low, prepared.statics.geometry.core_high)
-        return LampLight(lit, tiles_of(lamps, movable=movables), static, moving, casters, bounce)
+        geometry = prepared.statics.geometry
+        falling = falling_light(lamps.still, geometry.core_low, geometry.core_high)
+        bounce = bounced(falling, frame.sky.snow_depth)
+        return LampLight(lit, tiles_of(lamps, movable=movables), static, moving, casters, falling, bounce)
 
     def _learn(self, frame: _Frame, tiles: Mask) -> None:
         """Render the tiles of the statics' image among ``tiles`` that are not cached yet."""

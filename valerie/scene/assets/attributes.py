@@ -384,6 +384,9 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("cloud_cover", sky, number, "", 0, 1, light, *_environment("cloud_cover"))
     yield Attribute("visibility", sky, number, "m", 10, CLEAR_VISIBILITY_M, light, *_environment("visibility"))
     yield Attribute("rain", sky, number, "mm/h", 0, 100, light, *_environment("rain"))
+    yield Attribute("snowfall", sky, number, "mm/h", 0, 20, light, *_environment("snowfall"))
+    yield Attribute("snow_depth", sky, number, "m", 0, 0.5, light, *_environment("snow_depth"))
+    yield Attribute("leaf_litter", sky, number, "", 0, 1, light, *_environment("leaf_litter"))
     for field in ("street_lamps", "car_lamps"):
         yield Attribute(field, sky, name, "", None, None, light, *_lamps(field), lambda *_: POSITIONS)
     yield Attribute("light.intensity_cd", node, number, "cd", 0, 1e6, light, *_light("intensity"))

@@ -63,6 +63,7 @@ class Material:
         double_sided: draw back faces too, with the normal turned to the viewer.
         transmission: share of light that passes straight through a thin pane such as glass, in [0, 1]. Labels and depth are the
             pane's. Engines without transmission draw it opaque.
+        traffic: share of the lying snow and leaves that wheels or feet remove where they have polished the surface, in [0, 1].
     """
 
     name: str
@@ -78,6 +79,7 @@ class Material:
     alpha_cutoff: float | None = None
     double_sided: bool = False
     transmission: float = 0.0
+    traffic: float = 0.0
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -310,6 +312,9 @@ class Environment:
         cloud_cover: share of the sky under cloud, 0 (clear) … 1 (overcast: no sun, no shadows).
         visibility: metres at which a black object keeps 2 % of its contrast in fog (Koschmieder); `CLEAR_VISIBILITY_M`: no fog.
         rain: mm/h. It wets surfaces that face up, and adds extinction and drops in the air.
+        snowfall: mm/h of water. It adds extinction and flakes in the air.
+        snow_depth: metres of snow that lie on static surfaces that face up.
+        leaf_litter: share of level static surfaces that fallen leaves cover, 0…1.
         street_lamps, car_lamps: ``on``, ``off``, or ``auto``: on when it is dark, see `SWITCHES`.
     """
 
@@ -319,6 +324,9 @@ class Environment:
     cloud_cover: float = 0.0
     visibility: float = CLEAR_VISIBILITY_M
     rain: float = 0.0
+    snowfall: float = 0.0
+    snow_depth: float = 0.0
+    leaf_litter: float = 0.0
     street_lamps: str = "auto"
     car_lamps: str = "auto"
 

@@ -1,4 +1,4 @@
-"""Reject impossible variants: no person, vehicle, house or camera may be inside something else or outside the asset.
+"""Reject impossible variants: nothing may be inside something else or outside the asset, and weather may not contradict itself.
 
 The manifest alone decides, without meshes or GL. Obstacles are widened once by the room that a person needs, and a grid over the
 ground finds the few of them near a point. Movers are judged by `valerie.scene.legality.mover_rules`,
@@ -19,6 +19,7 @@ from valerie.scene.legality.camera_rules import CameraRules
 from valerie.scene.legality.mover_rules import MoverRules
 from valerie.scene.legality.movers import Mover, sort_obstacles
 from valerie.scene.legality.obstacles import ObstacleMap
+from valerie.scene.legality.weather_rules import weather_reason
 
 
 def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
@@ -26,7 +27,8 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
 
     A person is judged if its position is a parameter. A visible vehicle is judged if the variant gives its place, heading, kind
     or visibility. A camera is judged if its three coordinates are parameters: against everything if the variant gives one of
-    them, else against those vehicles. Everything else stays where the asset's author put it.
+    them, else against those vehicles. Everything else stays where the asset's author put it. Weather is judged by
+    `valerie.scene.legality.weather_rules`.
 
     Args:
         assignment: path to value, valid for the manifest; missing values take their defaults.
@@ -53,9 +55,9 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
         standing.append((person.name, x, y))
     if len(standing) > 1 and (overlap := _overlap(standing, 2.0 * manifest.person_radius_m)):
         return overlap
-    if reason := prepared.mover_rules.reason(assignment):
+    if reason := prepared.mover_rules.reason(assignment) or prepared.cameras.reason(assignment):
         return reason
-    return prepared.cameras.reason(assignment)
+    return weather_reason(assignment, manifest)
 
 
 def _overlap(standing: list[tuple[str, float, float]], distance: float) -> str | None:

@@ -14,7 +14,8 @@ from valerie.scene.light.weather import road_friction
 from valerie.scene.variation.variant import complete
 
 _RAIN: Final = f"{ENVIRONMENT_PATH}.rain"
-_DECIDING: Final = (*ANGLES, *CLOCK_PATHS, _RAIN)
+_SNOW_DEPTH: Final = f"{ENVIRONMENT_PATH}.snow_depth"
+_DECIDING: Final = (*ANGLES, *CLOCK_PATHS, _RAIN, _SNOW_DEPTH)
 
 
 class Conditions(NamedTuple):
@@ -49,7 +50,7 @@ def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
     differs = {
         "sun_azimuth_deg": by_time or AZIMUTH in varied,
         "sun_elevation_deg": by_time or ELEVATION in varied,
-        "road_friction": _RAIN in varied,
+        "road_friction": _RAIN in varied or _SNOW_DEPTH in varied,
     }
     return tuple(name for name in Conditions._fields if differs[name])
 
@@ -73,9 +74,8 @@ class _Itself:
 def _conditions(deciding: tuple[tuple[str, Value], ...], itself: _Itself) -> Conditions:
     values = complete(dict(deciding), itself.manifest)
     rain = _number(values, _RAIN)
-    return Conditions(
-        _number(values, AZIMUTH), _number(values, ELEVATION), None if rain is None else road_friction(rain)
-    )
+    friction = None if rain is None else road_friction(rain, _number(values, _SNOW_DEPTH) or 0.0)
+    return Conditions(_number(values, AZIMUTH), _number(values, ELEVATION), friction)
 
 
 def with_sun_angles(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, Value]:

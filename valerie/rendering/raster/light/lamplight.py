@@ -29,6 +29,9 @@ from valerie.rendering.raster.light.lamp_reach import (
 )
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 
+from valerie.rendering.sky import SNOW_ALBEDO
+from valerie.scene.light.weather import snow_cover
+
 if TYPE_CHECKING:
     from valerie.rendering.raster.upload.context import GraphicsContext
     from valerie.rendering.raster.upload.scenes import Prepared, Statics
@@ -119,7 +122,8 @@ class LampLight:
         static: the statics' maps seen from static lamps.
         moving: the statics' maps seen from lamps on movables; None if none of these has a map.
         movable: the movables' maps seen from both; None without movables.
-        bounce: (3,) radiance of the ground by static lamps.
+        falling: (3,) mean light of static lamps on the ground, as the radiance of white ground.
+        bounce: (3,) radiance of the ground by this light.
     """
 
     lamps: tuple[Lamp, ...]
@@ -127,6 +131,7 @@ class LampLight:
     static: LampMaps
     moving: LampMaps | None
     movable: LampMaps | None
+    falling: Points
     bounce: Points
 
     @property
@@ -166,8 +171,8 @@ def tiles_of(lamps: FrameLamps, *, movable: bool) -> dict[int, LampView]:
     return dict(enumerate(lamps.shadowed)) | dict(enumerate(moving, start=LAMP_TILES))
 
 
-def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
-    """Return the ground's radiance by lamps, (3,), as if their light fell evenly on it: an estimate of the light on walls.
+def falling_light(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
+    """Return the radiance by lamps of white ground, (3,), as if their light fell evenly on it.
 
     Args:
         lamps: the static lamps.
@@ -177,4 +182,10 @@ def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
     flux = np.zeros(3)
     for lamp in lamps:
         flux += np.array(lamp.flux)
-    return flux / area * _GROUND_ALBEDO
+    return flux / area
+
+
+def bounced(falling: Points, snow_depth: float) -> Points:
+    """Return the radiance of the ground, (3,), bare or under snow: an estimate of the light on walls."""
+    bounce: Points = falling * (_GROUND_ALBEDO + snow_cover(snow_depth) * (SNOW_ALBEDO - _GROUND_ALBEDO))
+    return bounce

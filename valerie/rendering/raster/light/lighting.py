@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import moderngl
 import numpy as np
@@ -26,8 +26,9 @@ from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVI
 from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
 from valerie.rendering.raster.upload.drawing import table_texture
-from valerie.rendering.raster.upload.surroundings import from_below, reflected, sky_weights
+from valerie.rendering.raster.upload.surroundings import from_below, reflected, sky_weights, snowed
 from valerie.rendering.sky import Sky
+from valerie.rendering.snowfall import FLAKE_VIEW, chance
 from valerie.scene.graph.model import Camera, Sun
 
 if TYPE_CHECKING:
@@ -35,7 +36,9 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.upload.scenes import Statics
 
 #: Features of the shading pass besides sun and sky, as symbols of its shader.
-Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
+Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "SNOW", "LEAVES", "FLAKES", "RECEIVED", "PLAIN"]
+#: Features that change materials or the air, not the light that arrives.
+_WEATHER: Final[frozenset[Need]] = frozenset({"RAIN", "SNOW", "LEAVES", "FLAKES"})
 
 
 class SkyLight:
@@ -55,7 +58,13 @@ class SkyLight:
         self.table.repeat_x = self.table.repeat_y = False
         directions, sample = sky_maps.directions, statics.geometry.sample
         light = reflected(
-            sample, sky_maps.openness, sky_maps.prominence, directions, statics.albedo, statics.share, sky
+            sample,
+            sky_maps.openness,
+            sky_maps.prominence,
+            directions,
+            snowed(statics.albedo[sample.rows], sample.normals[:, 2], statics.table[sample.rows, 4, 3], sky.snow_depth),
+            statics.share,
+            sky,
         )
         self.hidden, self.weights = sky_weights(sky, directions, light.hidden, light.ground)
         self.hiding = gl.texture((len(directions), 1), 3, light.hidden.astype(np.float32).tobytes(), dtype="f4")
@@ -162,7 +171,7 @@ class Lighting:
         The inputs of `LitFrame.shade` must be valid around these parts, except those of plain pixels.
         """
         shade = frame.shade_detail
-        self._shade(frame.needs - {"RAIN"} | {"RECEIVED"}).run(target, parts, shade.textures, shade.values)
+        self._shade(frame.needs - _WEATHER | {"RECEIVED"}).run(target, parts, shade.textures, shade.values)
 
     def bind(
         self,
@@ -199,6 +208,7 @@ class Lighting:
             values.update(_lamp_values(lamps))
             bounce = lamps.bounce
         values["below"] = day.light.ground if bounce is None else day.light.ground + bounce
+        values["flake_light"] = day.sky.haze if lamps is None else day.sky.haze + FLAKE_VIEW * lamps.falling
         needs = _needs(day.sky, movable_shadow, lamps)
         samples = _sample_textures(targets)
         geometry = {name: samples[name] for name in ("depth_map", "normals_map")}
@@ -397,6 +407,10 @@ def _shading_values(viewpoint: Viewpoint, day: Daylight, movable_shadow: ShadowM
         "extinction": sky.extinction,
         "wetness": sky.wetness,
         "drops": sky.drops,
+        "flakes": chance(sky.flakes),
+        "focal": viewpoint.camera.focal_length_px(viewpoint.view.width) * SAMPLES,
+        "snow_depth": sky.snow_depth,
+        "leaf_litter": sky.leaf_litter,
         "pixel_height": viewpoint.view.height,
     }
 
@@ -427,5 +441,8 @@ def _needs(sky: Sky, movable_shadow: ShadowMap | None, lamps: LampLight | None) 
         "MOVING_LAMPS": lamps is not None and lamps.moving is not None,
         "MOVABLES": movable_shadow is not None,
         "RAIN": sky.wetness > 0 or sky.drops > 0,
+        "SNOW": sky.snow_depth > 0,
+        "LEAVES": sky.leaf_litter > 0,
+        "FLAKES": sky.flakes > 0,
     }
     return frozenset(feature for feature, needed in features.items() if needed)

@@ -56,6 +56,9 @@ layout(location = 0) out vec4 out_radiance;
 // Brightest stored values: of surfaces, whose highlights would flicker, and of the sun's disc, beyond which float16 ends.
 const float BRIGHTEST = 24.0;
 const float BRIGHTEST_SKY = 65504.0;
+#ifdef SNOW
+const vec3 SNOW_ALBEDO = vec3(0.80, 0.82, 0.85);    // as in sky.py
+#endif
 
 vec3 sky(vec3 d) {
     float elevation = asin(clamp(d.z, 0.0, 1.0));
@@ -83,6 +86,28 @@ vec3 skylight(vec4 red, vec4 green, vec4 blue, vec3 zonal, vec3 n) {
     return max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)) + zonal * (0.375 * n.z * n.z - 0.125), vec3(0.0));
 }
 
+// Share of the sky in one of its directions that nothing hides.
+float open_toward(uint k, uvec4 first, uvec4 second) {
+    uvec4 half_of = k < 16u ? first : second;
+    uvec2 quarter = (k & 8u) == 0u ? half_of.xy : half_of.zw;
+    uint four = (k & 4u) == 0u ? quarter.x : quarter.y;
+    return float((four >> (8u * (k & 3u))) & 255u) / 255.0;
+}
+
+#ifdef SNOW
+// Share of the sky around the zenith that nothing hides.
+float open_above(ivec2 cell) {
+    ivec2 zenith = textureSize(direction_shares, 0) / 2;
+    uvec4 nearest = texelFetch(nearest_directions, zenith, 0);
+    vec4 shares = texelFetch(direction_shares, zenith, 0);
+    uvec4 first = texelFetch(openness_first, cell, 0), second = texelFetch(openness_second, cell, 0);
+    vec4 open = vec4(
+        open_toward(nearest.x, first, second), open_toward(nearest.y, first, second),
+        open_toward(nearest.z, first, second), open_toward(nearest.w, first, second));
+    return dot(shares, open) / dot(shares, vec4(1.0));
+}
+#endif
+
 // Radiance from direction r: that of the sky, ``above``, of surfaces that hide it, or of the ground. Undefined if not wanted.
 vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
     vec2 p = r.xy / (abs(r.x) + abs(r.y) + max(r.z, 0.0));
@@ -94,10 +119,7 @@ vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
     vec4 sum = vec4(0.0);
     int i = 0, taps = wanted ? 4 : 1;
     do {
-        uvec4 half_of = nearest[i] < 16u ? first : second;
-        uvec2 quarter = (nearest[i] & 8u) == 0u ? half_of.xy : half_of.zw;
-        uint four = (nearest[i] & 4u) == 0u ? quarter.x : quarter.y;
-        float open = float((four >> (8u * (nearest[i] & 3u))) & 255u) / 255.0;
+        float open = open_toward(nearest[i], first, second);
         vec3 hides = texelFetch(hiding, ivec2(int(nearest[i]), 0), 0).rgb;
         sum += shares[i] * vec4(mix(hides, above, open), 1.0);
     } while (++i < taps);
@@ -177,14 +199,26 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     return lit;
 }
 
-#ifdef RAIN
-#include "mirror.glsl"
+#if defined(RAIN) || defined(SNOW) || defined(LEAVES)
+uniform sampler2D mirror_depth;     // of the statics
+#endif
 
+#if defined(RAIN) || defined(SNOW) || defined(LEAVES) || defined(FLAKES)
 float random_of(vec3 p) {
     p = fract(p * vec3(0.1031, 0.1030, 0.0973));
     p += dot(p, p.yzx + 33.33);
     return fract((p.x + p.y) * p.z);
 }
+#endif
+
+#if defined(SNOW) || defined(LEAVES)
+#include "lying.glsl"
+#endif
+#ifdef FLAKES
+#include "flakes.glsl"
+#endif
+#ifdef RAIN
+#include "mirror.glsl"
 
 // Coverage of a sample by rain streaks: layers of cells, each with at most one drop, stretched by its fall during the exposure.
 // The pattern is fixed in the image, so that background and layer of a frame agree. rain.py has the same pattern for other
@@ -275,6 +309,27 @@ void main() {
     surface.xy *= unpacked_factors(material.y);
     float roughness = clamp(surface.x, 0.04, 1.0), metallic = surface.y, translucency = glow.a;
 
+    ivec2 pixel = nearest_cell(s, depth, SKYLIGHT_CELL);
+
+#if defined(SNOW) || defined(LEAVES)
+    // Nothing lies on movables, which are in front of the statics.
+    bool is_static = texelFetch(mirror_depth, s, 0).r - texelFetch(depth_map, s, 0).r < 3e-7 && !sample_is_sky;
+    float grain = grain_of(depth, abs(dot(face, d))), traffic = texelFetch(material_table, ivec2(4, row), 0).a;
+    float worn = swept(traffic, roughness, albedo);
+#endif
+#ifdef LEAVES
+    float strewn = is_static && translucency == 0.0 ? leaf_litter * smoothstep(0.8, 0.95, face.z) : 0.0;
+    // Wind and feet gather leaves in patches.
+    strewn *= (1.0 - 0.5 * traffic) * (1.0 - 0.8 * worn);
+    if (strewn > 0.0) {
+        vec4 litter = leaves_at(p, clamp(strewn * 2.0 * relief(p.xy / 2.3, 30.0).x, 0.0, 1.0), grain);
+        albedo = mix(albedo, litter.rgb, litter.a);
+        roughness = mix(roughness, 0.7, litter.a);
+        metallic *= 1.0 - litter.a;
+        normal = normalize(mix(normal, face, 0.7 * litter.a));
+    }
+#endif
+
 #ifdef RAIN
     // Water on surfaces that face up: pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278), and
     // the film is smooth, with the reflectance of water at normal incidence.
@@ -286,6 +341,25 @@ void main() {
         roughness = mix(roughness, mix(0.32, 0.07, patch_of), film);
         surface.z = mix(surface.z, max(surface.z, 0.55), film);
         normal = normalize(mix(normal, face, 0.85 * film));
+    }
+#endif
+#ifdef SNOW
+    vec2 snow = is_static ? snow_at(p, face, open_above(pixel), traffic, worn, grain) : vec2(0.0);
+    if (is_static) {
+        // Melt water wets the bare tracks.
+        float damp = worn * (1.0 - snow.x) * smoothstep(0.0, 0.02, snow_depth);
+        albedo *= mix(1.0, 0.55, damp);
+        roughness = mix(roughness, 0.4, 0.7 * damp);
+        albedo = mix(albedo, mix(SNOW_ALBEDO, vec3(0.36, 0.34, 0.32), snow.y), snow.x);
+        roughness = mix(roughness, 0.8, snow.x);
+        metallic *= 1.0 - snow.x;
+        surface.z = mix(surface.z, 0.5, snow.x);
+        surface.w *= 1.0 - snow.x;
+        translucency *= 1.0 - snow.x;
+        normal = normalize(mix(normal, snow_normal(p, face, grain), snow.x));
+#ifdef RAIN
+        film *= 1.0 - snow.x;
+#endif
     }
 #endif
 
@@ -315,7 +389,6 @@ void main() {
     color += fresnel * sun * (lit * front * distribution * v);
 
     // Sky.
-    ivec2 pixel = nearest_cell(s, depth, SKYLIGHT_CELL);
     vec4 red = texelFetch(skylight_red, pixel, 0), green = texelFetch(skylight_green, pixel, 0);
     vec4 blue = texelFetch(skylight_blue, pixel, 0);
 #ifdef PLAIN
@@ -354,6 +427,9 @@ void main() {
     color = sample_is_sky ? above + sun_disc(d) : color;
 #ifdef RAIN
     color = through_rain(color);
+#endif
+#ifdef FLAKES
+    color = through_flakes(color);
 #endif
     // The sun keeps its hue.
     float brightest = max(max(color.r, color.g), max(color.b, 1.0));

@@ -1,7 +1,6 @@
 // Screen-space reflections of wet surfaces: reflected rays are traced in the G-buffer of the statics. Movables have no
 // reflection, so they never change a pixel this way.
 uniform sampler2D mirror_albedo;    // G-buffer of the statics
-uniform sampler2D mirror_depth;
 uniform usampler2D mirror_material;
 uniform mat3 screen_basis;          // inverse of ray_basis
 uniform vec3 mirrored_light;        // radiance of an average wall over its albedo

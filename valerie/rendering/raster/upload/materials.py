@@ -68,7 +68,7 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
 
     0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
     3: layers of the colour and of the normal texture, sides of their arrays (0: none) · 4: transmission, layer of the roughness
-    texture, side of its array (0: none), 0.
+    texture, side of its array (0: none), traffic.
     """
     table = np.zeros((max(len(materials), 1), TEXELS, 4), np.float32)
     for row, material in zip(table, materials, strict=False):
@@ -79,7 +79,7 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
             if name is not None:
                 slot = textures.slots[name]
                 row[3, column], row[3, column + 2] = slot.layer, slot.side
-        row[4, 0] = material.transmission
+        row[4, 0], row[4, 3] = material.transmission, material.traffic
         if material.roughness_texture is not None:
             slot = textures.slots[material.roughness_texture]
             row[4, 1:3] = slot.layer, slot.side

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.projection import Points
-from valerie.rendering.sky import Sky
+from valerie.rendering.sky import SNOW_ALBEDO, Sky
+from valerie.scene.light.weather import COVERING_M
 
 #: Number of sampled places on the statics.
 SAMPLE: Final = 4096
@@ -184,7 +185,7 @@ def reflected(
         openness: (N, K) bool, True if nothing hides the sky from a place of the sample.
         prominent: (N,) weights, see `prominence`.
         directions: (K, 3) unit vectors, evenly distributed over the upper hemisphere.
-        albedo: (M, 3) albedo of the materials.
+        albedo: (N, 3) albedo of the places.
         share: (M,) share of the materials' area that is not cut out.
     """
     count, level = len(directions), sky.ground
@@ -203,11 +204,28 @@ def reflected(
     hidden, ground, light = np.zeros((count, 3)), np.zeros(3), direct
     for _ in range(_BOUNCES):
         light = direct + (gather * ~openness) @ hidden + (0.5 - 0.5 * upward)[:, None] * ground
-        radiance = albedo[sample.rows] * light
+        radiance = albedo * light
         hidden = facing.T @ radiance / np.maximum(facing.sum(axis=0), 1e-9)[:, None]
         ground = below @ radiance / below.sum() if below.sum() > 0 else level
     walls = (np.abs(upward) < _WALL_SLOPE) * weight
     return Reflected(hidden, ground, walls @ light / max(float(walls.sum()), 1e-9))
+
+
+def snowed(albedo: Points, upward: Points, traffic: Points, depth: float) -> Points:
+    """Return the albedo of places, (N, 3), with ``depth`` metres of lying snow.
+
+    Args:
+        albedo: (N, 3) without snow.
+        upward: (N,) upward components of the normals.
+        traffic: (N,) see `valerie.scene.graph.model.Material`; it leaves a third of the snow on the whole surface.
+    """
+    if depth <= 0:
+        return albedo
+    slope = np.clip((upward - 0.3) / 0.45, 0.0, 1.0)
+    lying = depth * slope * slope * (3.0 - 2.0 * slope) * (1.0 - 2.0 / 3.0 * traffic)
+    covered = np.tanh(lying / COVERING_M)[:, None]
+    result: Points = albedo + covered * (SNOW_ALBEDO - albedo)
+    return result
 
 
 def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) -> tuple[Points, Points]:
