@@ -16,7 +16,10 @@ class CameraMessage(TypedDict):
 
 
 class AirMessage(TypedDict):
-    """Sun and air, in the unit of the linear image: the sun's irradiance and angle, extinction per metre, wetness 0 … 1."""
+    """Sun and air, in the unit of the linear image: the sun's irradiance and angle, extinction per metre; the weather's traces.
+
+    Wetness is 0 … 1, the depth of snow in metres.
+    """
 
     sun: list[float]
     toward_sun: list[float]
@@ -24,6 +27,7 @@ class AirMessage(TypedDict):
     extinction: float
     haze: list[float]
     wetness: float
+    snow_depth: float
 
 
 class SkyMessage(TypedDict):

@@ -25,6 +25,7 @@ from valerie.rendering.lamps import Lamp, glowing, lit_lamps
 from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import TRANSLUCENCY, DrawItem, camera_of, draw_items, material_of
 from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
+from valerie.rendering.snowfall import snowed_on
 from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Scene, Texture
 
 #: Blender's dust density per unit of turbidity above pure air. It maps our clear day (3) to Blender's default (1).
@@ -77,7 +78,9 @@ def render(
     """
     arrays = _ask(blender, scene, view, settings, border=border, movables=movables)
     sky, part = sky_of(scene), border if border is not None else Rectangle(0, 0, view.width, view.height)
-    return rained_on(arrays["pixels"], sky.drops, sky.haze, part, view.height)
+    rainy = rained_on(arrays["pixels"], sky.drops, sky.haze, part, view.height)
+    focal = camera_of(scene, view).focal_length_px(view.width)
+    return snowed_on(rainy, sky.flakes, sky.haze, part, view.height, focal)
 
 
 def guided(
@@ -89,7 +92,7 @@ def guided(
     border: Rectangle | None = None,
     movables: bool = True,
 ) -> Guided:
-    """Render as `render` does, but without denoiser and rain, and return the noisy image with the denoiser's guides.
+    """Render as `render` does, but without denoiser, drops and flakes, and return the noisy image with the denoiser's guides.
 
     Only the validation of layers uses it (docs/benchmarks.md); no product does.
     """
@@ -137,7 +140,7 @@ def _ask(
     dusk = math.degrees(scene.sun.elevation) < DUSK
     own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
     lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
-    sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0)
+    sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0, snowy=sky.snow_depth > 0.0)
     meshes = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
     sender.forget_unused()
     matrices = np.stack([mesh.world for mesh in meshes]) if meshes else np.zeros((0, 4, 4))
@@ -176,15 +179,23 @@ class _Sender:
     Args:
         lenses: names of materials that glow because a lamp is on. The lamp emits their light.
         wet: whether water lies on surfaces that face up.
+        snowy: whether snow lies on static surfaces that face up.
     """
 
     def __init__(
-        self, blender: BlenderProcess, scene: Scene, lenses: Set[str] = frozenset(), *, wet: bool = False
+        self,
+        blender: BlenderProcess,
+        scene: Scene,
+        lenses: Set[str] = frozenset(),
+        *,
+        wet: bool = False,
+        snowy: bool = False,
     ) -> None:
         self._blender = blender
         self._scene = scene
         self._lenses = lenses
         self._wet = wet
+        self._snowy = snowy
         self._used: set[str] = set()
 
     def placed(self, item: DrawItem, place: int) -> list[_Placed]:
@@ -193,7 +204,8 @@ class _Sender:
         for i, mesh in enumerate(item.meshes):
             if not mesh.faces.size:
                 continue
-            material = self._material(material_of(self._scene, mesh, item.node.path))
+            snowy = self._snowy and not item.node.movable
+            material = self._material(material_of(self._scene, mesh, item.node.path), snowy=snowy)
             key, world = self._mesh(mesh, item.world)
             meshes.append(_Placed(f"{item.node.path}#{i}", key, material, world, place))
         return meshes
@@ -233,7 +245,7 @@ class _Sender:
         }
         self._blender.ask("mesh", arrays, key=key)
 
-    def _material(self, material: Material) -> str:
+    def _material(self, material: Material, *, snowy: bool) -> str:
         textures = {
             "base_color_texture": self._texture(material.base_color_texture, color=True),
             "normal_texture": self._texture(material.normal_texture, color=False),
@@ -241,11 +253,12 @@ class _Sender:
         }
         values = asdict(material) | textures
         lens = material.name in self._lenses
-        key = f"material-{hash((material, lens, self._wet, *textures.values())) & (1 << 64) - 1:x}"
+        key = f"material-{hash((material, lens, self._wet, snowy, *textures.values())) & (1 << 64) - 1:x}"
         if self._is_new(key, material):
             # Both sides add up to 1 here, and the lit one is that of the raster engine.
             share = TRANSLUCENCY / 2 if material.double_sided else 0.0
-            self._blender.ask("material", key=key, translucency=share, lens=lens, wet=self._wet, **values)
+            weather = {"wet": self._wet, "snowy": snowy}
+            self._blender.ask("material", key=key, translucency=share, lens=lens, **weather, **values)
         return key
 
     def _texture(self, name: str | None, *, color: bool) -> str | None:
@@ -293,6 +306,7 @@ def _light(scene: Scene, sky: Sky) -> AirMessage:
         "extinction": float(sky.extinction @ LUMINANCE),
         "haze": sky.haze.tolist(),
         "wetness": sky.wetness,
+        "snow_depth": sky.snow_depth,
     }
 
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from .nodes import Nodes
 from .pipe import ByName, Message
+from .snow import snow_group
 
 
 class Materials:
-    """Blender's materials and textures, with the air and the water that all materials share."""
+    """Blender's materials and textures, with the air, the water and the snow that all materials share."""
 
     def __init__(self, data: Any) -> None:
         self._data = data
@@ -20,6 +21,7 @@ class Materials:
         self._textures: ByName = {}
         self._air: Any = _air_group(data)
         self._water: Any = _water_group(data)
+        self._snow: Any = snow_group(data)
 
     def __getitem__(self, key: str) -> Any:
         return self._materials[key]
@@ -32,7 +34,8 @@ class Materials:
             self._data.images.remove(self._textures.pop(key))
 
     def show(self, light: Message) -> None:
-        """Apply the water and the air of ``light`` to all materials."""
+        """Apply the water, the snow and the air of ``light`` to all materials."""
+        self._snow.nodes["depth"].outputs[0].default_value = light["snow_depth"]
         self._water.nodes["wetness"].outputs[0].default_value = light["wetness"]
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
@@ -91,15 +94,19 @@ class Materials:
             bumps.uv_map = "uv"
             nodes.link(image.outputs["Color"], bumps.inputs["Color"])
             nodes.link(bumps.outputs["Normal"], principled.inputs["Normal"])
-        if header["wet"]:
-            water = nodes.add("ShaderNodeGroup")
-            water.node_tree = self._water
-            nodes.feed_alike(water.inputs["Metallic"], principled.inputs["Metallic"])
-            for name in ("Base Color", "Roughness", "Specular IOR Level"):
-                nodes.feed_alike(water.inputs[name], principled.inputs[name])
-                nodes.link(water.outputs[name], principled.inputs[name])
+        for covered, tree in ((header["wet"], self._water), (header["snowy"], self._snow)):
+            if not covered:
+                continue
+            cover = nodes.add("ShaderNodeGroup")
+            cover.node_tree = tree
+            for name in ("Metallic", "Base Color", "Roughness", "Specular IOR Level"):
+                nodes.feed_alike(cover.inputs[name], principled.inputs[name])
+                if name in cover.outputs:
+                    nodes.link(cover.outputs[name], principled.inputs[name])
+            if "Traffic" in cover.inputs:
+                cover.inputs["Traffic"].default_value = header["traffic"]
             if header["normal_texture"] is not None:
-                nodes.link(water.outputs["Relief"], bumps.inputs["Strength"])
+                nodes.link(cover.outputs["Relief"], bumps.inputs["Strength"])
         surface = principled.outputs["BSDF"]
         if header["translucency"]:
             through = nodes.add("ShaderNodeBsdfTranslucent")

@@ -59,6 +59,11 @@ class Nodes:
         """Return the linear blend ``first`` · (1 − share) + ``second`` · share."""
         return self.math("MULTIPLY_ADD", self.math("SUBTRACT", second, first), share, first)
 
+    def blended(self, first: Any, second: Any, share: Any) -> Any:
+        """Return the linear blend of two colours."""
+        kept = self.scaled(first, self.math("SUBTRACT", 1.0, share))
+        return self._vector("ADD", kept, self.scaled(second, share))
+
     def scaled(self, vector: Any, factor: Any) -> Any:
         """Return a vector or a colour times a number."""
         node = self.add("ShaderNodeVectorMath")
