@@ -108,6 +108,69 @@ CONDITIONS: Final = (
         sensor={"exposure_ev": 1.5},
     ),
     Condition(
+        "snowfall, 1.5 mm/h on 2 cm of snow",
+        {"environment-1.cloud_cover": 1.0, "environment-1.snowfall": 1.5, "environment-1.snow_depth": 0.02},
+        {
+            "person-1": person("green-parka", 3.0, 5.0, 180.0),
+            "person-2": person("red-coat", 1.4, 3.0, 20.0, carries="umbrella"),
+            "person-3": person("navy-coat", 6.9, 6.0, 180.0),
+        },
+        season="winter",
+        sensor={"exposure_ev": 1.5},
+    ),
+    Condition(
+        "lying snow, 8 cm, clear",
+        {"sun-1.azimuth": 240.0, "sun-1.elevation": 25.0, "environment-1.snow_depth": 0.08},
+        {
+            "person-1": person("red-coat", 3.2, 7.0, 190.0),
+            "person-2": person("green-parka", 1.2, 5.0, 250.0),
+            "person-3": person("grey-hoodie", 6.9, 7.0, 0.0),
+        },
+        season="winter",
+        sensor={"exposure_ev": 1.0},
+    ),
+    Condition(
+        "snow at night, lamps",
+        {
+            "sun-1.elevation": -12.0,
+            "environment-1.cloud_cover": 1.0,
+            "environment-1.snowfall": 1.0,
+            "environment-1.snow_depth": 0.06,
+            "car-101.kind": "sedan",
+            "car-101.pos.x": 2.5,
+            "car-101.pos.y": 30.0,
+        },
+        {
+            "person-1": person("yellow-shirt", 3.2, 8.0, 180.0),
+            "person-2": person("black-outfit", 1.4, 13.0, 250.0),
+            "person-3": person("navy-coat", 6.9, 6.0, 180.0),
+        },
+        season="winter",
+        sensor={"auto_exposure": True, "exposure_ev": 0.7},
+    ),
+    Condition(
+        "wet leaves, rain of 1 mm/h",
+        {"environment-1.cloud_cover": 0.9, "environment-1.rain": 1.0, "environment-1.leaf_litter": 0.5},
+        {
+            "person-1": person("red-coat", 3.4, 6.0, 180.0, carries="umbrella"),
+            "person-2": person("navy-coat", 1.4, 4.0, 20.0),
+            "person-3": person("green-parka", 6.9, 5.0, 180.0),
+        },
+        season="autumn",
+        sensor={"exposure_ev": 1.6},
+    ),
+    Condition(
+        "low sun ahead, glare and flare",
+        {"sun-1.azimuth": 200.0, "sun-1.elevation": 8.5, "environment-1.turbidity": 4.0},
+        {
+            "person-1": person("black-outfit", 3.2, 9.0, 180.0),
+            "person-2": person("white-tee", 1.2, 5.0, 250.0),
+            "person-3": person("striped-boy", 6.9, 6.0, 185.0),
+        },
+        season="autumn",
+        sensor={"auto_exposure": True, "lens": {"glare": 0.02, "flare": 0.003}},
+    ),
+    Condition(
         "night, street and car lamps",
         {"sun-1.elevation": -12.0, "car-101.kind": "sedan", "car-101.pos.x": 2.5, "car-101.pos.y": 30.0},
         {

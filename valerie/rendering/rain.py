@@ -66,7 +66,7 @@ def streaks(drops: float, part: Rectangle, image_height: int) -> Floats:
 
 
 def sample_places(part: Rectangle, image_height: int) -> tuple[Floats, Floats]:
-    """Return x and y of the samples of a part of an image, (h · SAMPLES, w · SAMPLES) each, counted from the lower left corner."""
+    """Return x and y of the samples of a part of an image, (h · SAMPLES, w · SAMPLES), counted from the lower left corner."""
     y, x = np.indices((part.height * SAMPLES, part.width * SAMPLES), np.float32)
     return x + np.float32(part.x * SAMPLES + 0.5), np.float32((image_height - part.y) * SAMPLES - 0.5) - y
 

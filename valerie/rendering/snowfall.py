@@ -1,8 +1,8 @@
 """Snowflakes in front of the camera, the same in every engine.
 
 Flakes nearer than 12 m show one by one; farther ones are smaller than a pixel, and part of the extinction of the air. Layers of
-cells stand at increasing distances, and a cell holds at most one flake, 3 to 8 mm wide. The raster engine draws them in its shader
-(``raster/shaders/flakes.glsl``). `falling` computes the same flakes for other engines. The pattern is fixed in image
+cells stand at increasing distances, and a cell holds at most one flake, 3 to 8 mm wide. The raster engine draws them in its
+shader (``raster/shaders/flakes.glsl``). `falling` computes the same flakes for other engines. The pattern is fixed in image
 coordinates, so that background and layer of a frame agree.
 """
 

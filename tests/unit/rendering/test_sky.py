@@ -189,7 +189,29 @@ def test_rain_attenuates_light_as_measured() -> None:
     assert 10 * math.log10(math.exp(fog_extinction(Environment(rain=25.0)) * 1000)) == pytest.approx(9.3, abs=0.05)
 
 
-@pytest.mark.parametrize(("name", "values"), [("cloud_cover", (0.2, 0.6, 1.0)), ("visibility", (1000.0, 200.0, 40.0))])
+def test_snowfall_attenuates_light_as_measured() -> None:
+    # 2 mm/h of dry snow: 5.526 · 2^1.38 = 14.4 dB/km (ITU-R P.1817-1).
+    extinction = fog_extinction(Environment(snowfall=2.0))
+    assert 10 * math.log10(math.exp(extinction * 1000)) == pytest.approx(14.4, abs=0.05)
+
+
+def test_heavy_snow_has_the_visibility_of_its_class() -> None:
+    # ISO 34503: light above 1 km, heavy below 500 m.
+    light, moderate, heavy = (-math.log(0.02) / fog_extinction(Environment(snowfall=rate)) for rate in (1.0, 3.0, 5.0))
+    assert light > 1000 > moderate > 500 > heavy
+
+
+def test_lying_snow_brightens_the_ground_and_not_the_sky() -> None:
+    bare, white = sky_of(weather()), sky_of(weather(snow_depth=0.2))
+    # From the albedo 0.2 to 0.8 (red) and 0.85 (blue).
+    np.testing.assert_allclose(white.ground / bare.ground, [4.0, 4.1, 4.25], rtol=1e-5)
+    np.testing.assert_array_equal(white.table, bare.table)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("snowfall", (1.0, 3.0, 8.0)), ("cloud_cover", (0.2, 0.6, 1.0)), ("visibility", (1000.0, 200.0, 40.0))],
+)
 def test_the_sun_weakens_steadily_with_weather(name: str, values: tuple[float, ...]) -> None:
     suns = [sky_of(weather(**{name: value})).sun @ LUMINANCE for value in values]
     assert sky_of(weather()).sun @ LUMINANCE > suns[0] > suns[1] > suns[2] >= 0

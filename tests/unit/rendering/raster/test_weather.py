@@ -10,7 +10,7 @@ from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.gl.tiles import widened
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.rendering.sky import sky_of
+from valerie.rendering.sky import SNOW_ALBEDO, sky_of
 from valerie.scene.graph.model import Camera, Environment, Material, Node, Scene, Sun
 from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.light.weather import wetness
@@ -20,7 +20,10 @@ from valerie.testing.rendering import assert_same
 pytestmark = pytest.mark.gl
 
 VIEW = View("camera-1", 160, 90)
-WEATHERS = ({"cloud_cover": 0.6}, {"cloud_cover": 1.0}, {"visibility": 60.0}, {"rain": 6.0, "cloud_cover": 0.9})
+WEATHERS = (
+    {"cloud_cover": 0.6}, {"cloud_cover": 1.0}, {"visibility": 60.0}, {"rain": 6.0, "cloud_cover": 0.9}, {"snowfall": 4.0},
+    {"snow_depth": 0.03}, {"leaf_litter": 0.4}, {"snow_depth": 0.01, "leaf_litter": 0.4, "rain": 2.0},
+)  # fmt: skip
 
 
 def in_weather(**environment: float) -> Scene:
@@ -52,21 +55,35 @@ def test_weather_changes_the_image_and_never_the_truth(
     np.testing.assert_array_equal(first.persons[0].amodal, second.persons[0].amodal)
 
 
+def black_wall(distance: float) -> Scene:
+    """Return a black wall that fills the image of a long lens."""
+    wall = Node("scene.wall-1", np.eye(4), (box_mesh((-99, distance, -99), (99, distance + 1, 99), "black"),))
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 0), 0, 0, 0), focal_length_mm=4000.0)
+    black = Material("black", (0.0, 0.0, 0.0), roughness=1.0, specular=0.0)
+    return Scene({wall.path: wall}, {"black": black}, {}, {"camera-1": camera}, Sun(0.0, 0.7))
+
+
 def test_the_defaults_are_the_clear_day_bit_for_bit(raster: RasterRenderer) -> None:
     bare = replace(simple_asset().base, environment=Environment())
     explicit = replace(bare, environment=Environment(cloud_cover=0.0, visibility=100_000.0, rain=0.0))
+    dry = replace(bare, environment=Environment(snowfall=0.0, snow_depth=0.0, leaf_litter=0.0))
+    assert_same(raster.full(bare, VIEW), raster.full(dry, VIEW))
     assert_same(raster.full(bare, VIEW), raster.full(explicit, VIEW))
+
+
+def test_a_black_wall_in_falling_snow_keeps_the_contrast_of_its_extinction(raster: RasterRenderer) -> None:
+    scene = replace(black_wall(40.0), environment=Environment(cloud_cover=1.0, snowfall=5.0))
+    pixels = raster.full(scene, View("camera-1", 64, 36)).pixels.astype(np.float64)
+    sky = sky_of(scene)
+    # 5.526 · 5^1.38 dB/km over 40 m, and clear air. Flakes take more contrast where they are; the least bright pixel has none.
+    clear = sky_of(replace(scene, environment=Environment(cloud_cover=1.0))).extinction
+    contrast = 10 ** (-5.526 * 5**1.38 * 0.04 / 10) * np.exp(-clear * 40.0)
+    np.testing.assert_allclose(1 - pixels.min(axis=(0, 1)) / sky.haze, contrast, atol=2 / 2048)
 
 
 @pytest.mark.parametrize("distance", [4.0, 25.0, 60.0])
 def test_a_black_wall_in_fog_keeps_the_contrast_of_koschmieders_law(raster: RasterRenderer, distance: float) -> None:
-    wall = Node("scene.wall-1", np.eye(4), (box_mesh((-99, distance, -99), (99, distance + 1, 99), "black"),))
-    camera = Camera("scene.camera-1", camera_transform((0, 0, 0), 0, 0, 0), focal_length_mm=4000.0)
-    black = Material("black", (0.0, 0.0, 0.0), roughness=1.0, specular=0.0)
-    scene = Scene(
-        {wall.path: wall}, {"black": black}, {}, {"camera-1": camera}, Sun(0.0, 0.7),
-        environment=Environment(visibility=60.0),
-    )  # fmt: skip
+    scene = replace(black_wall(distance), environment=Environment(visibility=60.0))
     pixels = raster.full(scene, View("camera-1", 32, 18)).pixels.astype(np.float64)
     clear, fog = (sky_of(replace(scene, environment=Environment(visibility=v))).extinction for v in (100_000.0, 60.0))
     # A black object keeps 2 % of its contrast at the visibility. Half floats round by a part in 2,048, the contrast of the
@@ -191,3 +208,64 @@ def test_drops_lie_at_the_same_places_with_and_without_movables(raster: RasterRe
     np.testing.assert_array_equal(alone[sky], street[sky])
     dry = raster.full(in_weather(cloud_cover=1.0), VIEW).pixels
     assert (dry[sky] != street[sky]).any()
+
+
+def covered(raster: RasterRenderer, scene: Scene, **environment: float) -> np.ndarray:
+    """Return the luminance of a scene whose surfaces are black, with something lying on them, under clouds: (80, 120)."""
+    return luminance(raster, replace(scene, environment=replace(Environment(cloud_cover=1.0), **environment)))
+
+
+#: Looks straight down on 14 m by 10 m of road.
+ABOVE = Camera("scene.camera-1", camera_transform((0, 0, 8), 0, -90, 0), focal_length_mm=20.0)
+
+
+def black_road(*extra: Node, roughness: float = 1.0, traffic: float = 0.0) -> Scene:
+    black = Material("road", (0.0, 0.0, 0.0), roughness=roughness, specular=0.0, traffic=traffic)
+    plain = road(0.0, 0.0, *extra)
+    return replace(plain, materials={"road": black, "red": replace(black, name="red")}, cameras={"camera-1": ABOVE})
+
+
+@pytest.mark.parametrize("depth", [0.005, 0.0125, 0.025, 0.04])
+def test_snow_covers_the_share_of_a_level_road_that_its_depth_tells(raster: RasterRenderer, depth: float) -> None:
+    scene = black_road()
+    share = covered(raster, scene, snow_depth=depth).mean() / covered(raster, scene, snow_depth=0.5).mean()
+    # Patches up to 1.6 m wide on 140 m² vary by some percent, a requirement of ours.
+    assert share == pytest.approx(np.tanh(depth / 0.025), abs=0.05)
+
+
+@pytest.mark.parametrize("litter", [0.1, 0.3, 0.6])
+def test_leaves_cover_their_share_of_a_level_road(raster: RasterRenderer, litter: float) -> None:
+    share = (covered(raster, black_road(), leaf_litter=litter) > 1e-3).mean()
+    # Leaves gather in patches, and a pixel is half a leaf wide.
+    assert share == pytest.approx(litter, rel=0.4)
+
+
+def test_deep_snow_has_the_albedo_of_snow(raster: RasterRenderer) -> None:
+    scene = black_road()
+    sky = sky_of(replace(scene, environment=Environment(cloud_cover=1.0, snow_depth=0.5)))
+    # Under an open sky, the rest is specular. The dunes and the sky's samples change some percent, a requirement of ours.
+    expected = float(SNOW_ALBEDO * sky.sky_irradiance @ LUMINANCE)
+    assert covered(raster, scene, snow_depth=0.5).mean() == pytest.approx(expected, rel=0.08)
+
+
+def test_traffic_keeps_polished_tracks_bare(raster: RasterRenderer) -> None:
+    fresh, driven, polished = (
+        covered(raster, black_road(roughness=roughness, traffic=traffic), snow_depth=0.04).mean()
+        for roughness, traffic in ((0.9, 0.0), (0.9, 1.0), (0.75, 1.0))
+    )
+    assert fresh > driven > 4 * polished
+
+
+def test_no_snow_lies_on_movables_nor_below_roofs(raster: RasterRenderer) -> None:
+    top = box_mesh((-3, -2, 0), (-1, 2, 1), "red")
+    roof = box_mesh((1, -4, 3), (6, 4, 3.2), "red")
+    below = Camera("scene.camera-1", camera_transform((3, 0, 2), 0, -90, 0), focal_length_mm=40.0)
+    parked, driving = (
+        covered(raster, black_road(Node("scene.car-1", np.eye(4), (top,), movable=movable)), snow_depth=0.2)[40, 43:47]
+        for movable in (False, True)
+    )
+    assert (driving < 0.02 * parked.mean()).all()
+    sheltered = replace(black_road(Node("scene.building-1", np.eye(4), (roof,))), cameras={"camera-1": below})
+    open_road = replace(black_road(), cameras={"camera-1": below})
+    dark, white = (covered(raster, scene, snow_depth=0.2)[30:50, 50:70].mean() for scene in (sheltered, open_road))
+    assert dark < 0.02 * white

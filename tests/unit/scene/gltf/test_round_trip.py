@@ -145,10 +145,15 @@ def test_every_field_of_a_material_survives(tmp_path: Path) -> None:
     base = simple_asset().base
     odd = Material(
         "paving", (0.1, 0.2, 0.3), "paving", "paving", "paving", 0.4, 0.55, specular=1.7, specular_tint=0.6,
-        emissive=(3.5, 0.1, 0.0), alpha_cutoff=0.3, double_sided=True, transmission=0.4,
+        emissive=(3.5, 0.1, 0.0), alpha_cutoff=0.3, double_sided=True, transmission=0.4, traffic=0.7,
     )  # fmt: skip
     scene = Scene(
-        base.nodes, {**base.materials, "paving": odd}, base.textures, base.cameras, base.sun, Environment(1.1, 5.0, 0.5)
+        base.nodes,
+        {**base.materials, "paving": odd},
+        base.textures,
+        base.cameras,
+        base.sun,
+        Environment(1.1, 5.0, 0.5, snow_depth=0.1),
     )
     save_gltf(scene, tmp_path / "odd.glb")
     assert_same_scene(load_gltf(tmp_path / "odd.glb"), scene)

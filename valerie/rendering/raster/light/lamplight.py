@@ -28,7 +28,6 @@ from valerie.rendering.raster.light.lamp_reach import (
     within_reach,
 )
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
-
 from valerie.rendering.sky import SNOW_ALBEDO
 from valerie.scene.light.weather import snow_cover
 

@@ -18,6 +18,7 @@ from valerie.rendering.raster.upload.surroundings import (
     reflected,
     sample_surfaces,
     sky_weights,
+    snowed,
 )
 from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, Sky, sky_of
 from valerie.testing.assets import simple_asset
@@ -58,7 +59,7 @@ def light_of(
     share: NDArray[np.float64],
     sky: Sky,
 ) -> Reflected:
-    return reflected(sample, openness, prominence(sample, openness), DIRECTIONS, albedo, share, sky)
+    return reflected(sample, openness, prominence(sample, openness), DIRECTIONS, albedo[sample.rows], share, sky)
 
 
 class TestReflected:
@@ -266,3 +267,14 @@ def test_sky_weights_add_up_to_the_mean_light_of_all_directions() -> None:
         expected[3, :3] += light * 5 * (1.5 * direction[2] ** 2 - 0.5) / 64
     expected[:3] += np.outer(ground, [0.5, 0, 0, -0.75])
     np.testing.assert_allclose(sums, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_snow_whitens_level_ground_and_not_walls() -> None:
+    upward, traffic = np.array([1.0, 1.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0, 0.0])
+    black = np.zeros((4, 3))
+    ground, driven, wall, ceiling = snowed(black, upward, traffic, 0.03)[:, 1]
+    # tanh(30 / 25) of an albedo of 0.82; traffic leaves a third of the depth.
+    assert ground == pytest.approx(0.82 * np.tanh(1.2))
+    assert driven == pytest.approx(0.82 * np.tanh(0.4))
+    assert (wall, ceiling) == (0.0, 0.0)
+    assert snowed(black, upward, traffic, 0.0) is black
