@@ -464,3 +464,21 @@ def test_a_wet_wall_keeps_its_colour_and_a_dry_scene_has_no_water_left(cycles: C
         scene = replace(scene, nodes={**scene.nodes, wall.path: wall}, cameras={"camera-1": level})
         colours.append(mean(cycles, scene))
     np.testing.assert_allclose(colours[1], colours[0], rtol=NOISE)
+
+
+def test_lying_snow_covers_its_share_of_the_ground_and_no_movable(cycles: CyclesRenderer) -> None:
+    black = Material("ground", (0.0, 0.0, 0.0), roughness=1.0, specular=0.0)
+    high = {"cameras": {"camera-1": replace(DOWN, transform=camera_transform((0, 0, 30), 0, -90, 0))}}
+
+    def snowy(depth: float, *, movable: bool = False) -> float:
+        scene = ground(black, sun=Sun(0.0, math.radians(40)), **high)
+        road = replace(scene.nodes["scene.road-1"], movable=movable)
+        environment = Environment(cloud_cover=1.0, snow_depth=depth)
+        nodes = {**scene.nodes, road.path: road}
+        return float(mean(cycles, replace(scene, nodes=nodes, environment=environment))[1])
+
+    whole = snowy(0.5)
+    # Patches up to 1.6 m wide on 300 m² vary by some percent, a requirement of ours.
+    assert snowy(0.0125) / whole == pytest.approx(math.tanh(0.5), abs=0.06)
+    assert snowy(0.03) / whole == pytest.approx(math.tanh(1.2), abs=0.06)
+    assert snowy(0.5, movable=True) < 0.05 * whole

@@ -235,7 +235,8 @@ def test_snow_covers_the_share_of_a_level_road_that_its_depth_tells(raster: Rast
 
 @pytest.mark.parametrize("litter", [0.1, 0.3, 0.6])
 def test_leaves_cover_their_share_of_a_level_road(raster: RasterRenderer, litter: float) -> None:
-    share = (covered(raster, black_road(), leaf_litter=litter) > 1e-3).mean()
+    bare = covered(raster, black_road()).max()
+    share = (covered(raster, black_road(), leaf_litter=litter) > bare + 0.02).mean()
     # Leaves gather in patches, and a pixel is half a leaf wide.
     assert share == pytest.approx(litter, rel=0.4)
 

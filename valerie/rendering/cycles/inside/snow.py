@@ -74,4 +74,6 @@ def _patched(nodes: Nodes, position: Any, cover: Any) -> Any:
     # The logistic curve is that of a normal distribution within 0.01.
     decay = nodes.math("EXPONENT", nodes.math("MULTIPLY", height, -1.702 / spread))
     rank = nodes.math("DIVIDE", 1.0, nodes.math("ADD", decay, 1.0))
-    return nodes.smoothstep(-0.2, 0.2, nodes.math("SUBTRACT", nodes.math("MULTIPLY_ADD", cover, 1.4, -0.2), rank))
+    soft = nodes.math("MINIMUM", nodes.math("MINIMUM", cover, nodes.math("SUBTRACT", 1.0, cover)), 0.2)
+    inside = nodes.math("DIVIDE", nodes.math("SUBTRACT", cover, rank), nodes.math("MAXIMUM", soft, 1e-4))
+    return nodes.smoothstep(-1.0, 1.0, inside)

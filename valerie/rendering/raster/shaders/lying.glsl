@@ -39,7 +39,9 @@ float patched(vec2 p, float cover, float grain) {
     }
     // The standard deviation of a layer is 0.21. The logistic curve is that of a normal distribution within 0.01.
     float rank = 1.0 / (1.0 + exp(-1.702 * height / (0.21 * sqrt(max(spread, 1e-6)))));
-    float sharp = smoothstep(-0.2, 0.2, cover * 1.4 - 0.2 - rank);
+    // Within [0, 1], a border of any softness keeps the mean.
+    float soft = max(min(0.2, min(cover, 1.0 - cover)), 1e-4);
+    float sharp = smoothstep(-soft, soft, cover - rank);
     return mix(cover, sharp, min(visible, 1.0));
 }
 
