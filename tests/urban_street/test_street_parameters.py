@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from unittest.mock import ANY
 
 import pytest
 
 from urban_street.human import CHARACTERS
 from valerie.parameters.definitions import ParameterDefinition, Value
-from valerie.scene.assets.asset import SceneAsset, asset_manifest
+from valerie.parameters.odd import OddAttribute
+from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import ROOT
@@ -293,6 +294,41 @@ def test_a_parameter_changes_what_it_names_and_nothing_else(asset: SceneAsset, d
 
 def test_every_row_of_the_table_is_of_a_parameter() -> None:
     assert {row_of(d.path)[1] for d in MANIFEST.parameters if d.path.startswith(f"{ROOT}.")} == TABLE.keys()
+
+
+#: The weather of single seasons, with its attribute of the operational design domain.
+SEASONAL = {
+    "snowfall": OddAttribute.SNOWFALL,
+    "snow_depth": OddAttribute.DRIVABLE_AREA_SURFACE,
+    "leaf_litter": OddAttribute.DRIVABLE_AREA_SURFACE,
+}
+
+
+@pytest.mark.parametrize(
+    ("season", "expected"),
+    [
+        ("summer", set()),
+        ("spring", {"snowfall", "snow_depth"}),
+        ("autumn", set(SEASONAL)),
+        ("winter", set(SEASONAL)),
+    ],
+)
+def test_a_street_declares_the_weather_of_its_season(season: str, expected: set[str]) -> None:
+    manifest = asset_manifest({"name": "urban-street", "season": season})[0]
+    more = {d.path: d for d in manifest.parameters if d.path not in MANIFEST.by_path}
+    assert set(more) == {f"scene.environment-1.{name}" for name in expected}
+    for path, definition in more.items():
+        assert (definition.default, definition.minimum) == (0.0, 0.0)
+        assert definition.odd == SEASONAL[path.rpartition(".")[2]]
+
+
+def test_weather_of_a_season_changes_the_environment_alone() -> None:
+    winter = load_asset({"name": "urban-street", "season": "winter"})
+    values = {"snowfall": 2.0, "snow_depth": 0.05, "leaf_litter": 0.3}
+    clear = apply({}, winter)
+    scene = apply({f"scene.environment-1.{name}": value for name, value in values.items()}, winter)
+    assert scene.environment == replace(clear.environment, **values)
+    assert dict(scene.nodes) == dict(clear.nodes)
 
 
 def test_every_parameter_of_the_sensor_is_declared() -> None:
