@@ -71,7 +71,7 @@ vec4 leaves_at(vec3 p, float cover, float grain) {
     // A leaf fills a quarter of its cell. Four layers with this chance of a leaf hide ``cover`` together.
     float chance = min((1.0 - pow(1.0 - cover, 0.25)) / 0.25, 1.0);
     for (int i = 0; i < 4; ++i) {
-        float layer = float(i), side = 0.12 + 0.02 * layer, turn = 0.7 * layer;
+        float layer = float(i), side = 0.12 + 0.02 * layer, turn = 0.4 + 0.7 * layer;
         vec2 at = mat2(cos(turn), sin(turn), -sin(turn), cos(turn)) * p.xy / side;
         vec3 cell = vec3(floor(at), layer);
         float angle = 6.2831853 * random_of(cell + 3.0), kind = random_of(cell + 5.0), tone = random_of(cell + 7.0);
@@ -80,7 +80,7 @@ vec4 leaves_at(vec3 p, float cover, float grain) {
         // An oval with a tip at one end; its half width falls to 0 there.
         float along = clamp(off.x / 0.42 * 0.5 + 0.5, 0.0, 1.0);
         float width = 0.30 * sqrt(along) * (1.0 - along * along) * (0.75 + 0.5 * kind) * 1.25;
-        float soft = max(0.02, 0.5 * grain / side);
+        float soft = clamp(0.5 * grain / side, 0.02, 0.08);    // wider borders would enlarge the leaf
         float inside = (1.0 - smoothstep(-soft, soft, abs(off.y) - width)) * step(abs(off.x), 0.42);
         inside *= random_of(cell) < chance ? 1.0 : 0.0;
         vec3 color = mix(mix(BROWN, RUST, smoothstep(0.2, 0.5, kind)), YELLOW, smoothstep(0.55, 0.8, kind));
