@@ -257,8 +257,7 @@ class _Sender:
         if self._is_new(key, material):
             # Both sides add up to 1 here, and the lit one is that of the raster engine.
             share = TRANSLUCENCY / 2 if material.double_sided else 0.0
-            weather = {"wet": self._wet, "snowy": snowy}
-            self._blender.ask("material", key=key, translucency=share, lens=lens, **weather, **values)
+            self._blender.ask("material", key=key, translucency=share, lens=lens, wet=self._wet, snowy=snowy, **values)
         return key
 
     def _texture(self, name: str | None, *, color: bool) -> str | None:
