@@ -193,6 +193,10 @@ sensor-strip: setup-dev ## Render docs/images/sensor.jpg: one frame behind each 
 gallery: setup-dev ## Render docs/images/gallery.jpg, places.jpg, one large picture per engine (minutes; Cycles after `make cycles`)
 	@$(PYTHON_BIN) -m tools.gallery && exec $(PYTHON_BIN) -m tools.place_sheet
 
+.PHONY: people
+people: setup-dev ## Render docs/images/people.jpg: every character and pose of the street's people (minutes)
+	@exec $(PYTHON_BIN) -m tools.people
+
 .PHONY: screenshots
 screenshots: setup-dev ## Take the dashboard's pictures of docs/images/ from the first run (minutes; Chromium)
 	@exec $(PYTHON_BIN) -m tools.screenshots

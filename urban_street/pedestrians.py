@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, lru_cache, partial
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from urban_street.human.aids import AIDED, MATERIALS, aid
 from urban_street.human.catalogue import CHARACTERS
-from urban_street.human.stances import CARRIED, DEFAULT, POSES
+from urban_street.human.stances import CARRIED, DEFAULT, GAIT_STEPS, POSES, gait_step
+from urban_street.vehicles.build import build_vehicle
+from urban_street.vehicles.content import VehicleContent
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.assets.attributes import ABSENT
-from valerie.scene.graph.model import Material, Node, Texture
+from valerie.scene.graph.model import JOINTS, Material, Mesh, Node, Stance, Texture
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.graph.transforms import place
 
@@ -75,6 +79,82 @@ def person_parameters(
         yield number(f"{path}.cloth.{field}", 0.0, 1.0, default, Affects.MATERIAL, "", "of everything worn")
 
 
+#: The pose that pushes a bicycle, and the bicycle's place in the figure's frame, metres: on the right, grip and saddle at hand.
+_PUSHED: Final = ("bicycle",)
+_BICYCLE_AT: Final = np.array([0.44, 0.24, 0.0])
+#: Classes of the things that belong to a pose without being carried, and what names their nodes below a person's.
+_AIDS: Final = {"dynamic": "dynamic-1", "bicycle": "bicycle-2{number:02d}"}
+
+
+def aid_classes(names: Iterable[str]) -> dict[str, str]:
+    """Return the classes of the nodes of all aids of some persons, by path."""
+    return {f"{ROOT}.{name}.{aid_name(kind, name)}": kind for name in names for kind in _AIDS}
+
+
+def aid_name(kind: str, person: str) -> str:
+    """Return the name of the node of a person's aid. A bicycle's number is its instance."""
+    return _AIDS[kind].format(number=int(person.rpartition("-")[2]))
+
+
+class Aid:
+    """The things of one class that stand beside a person in some poses (`valerie.scene.graph.model.Figure`).
+
+    Args:
+        kind: ``dynamic`` or ``bicycle``.
+        stance: the person's stance, which decides what is there.
+        rename: maps names of materials to other names.
+    """
+
+    def __init__(self, kind: str, stance: Stance, rename: Callable[[str], str]) -> None:
+        self._kind, self.stance, self._rename = kind, stance, rename
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """Return one mesh per material; none if the pose has no aid of this class."""
+        pose = self.stance.pose
+        if pose not in (AIDED if self._kind == "dynamic" else _PUSHED):
+            return ()
+        step = gait_step(self.stance.gait_phase) if pose == "dog" else 0
+        if (pose, step) not in self._drawn:
+            found = _pushed_bicycle() if pose in _PUSHED else aid(pose, step, GAIT_STEPS)
+            self._drawn[pose, step] = tuple(mesh.with_material(self._rename(mesh.material)) for mesh in found)
+        return self._drawn[pose, step]
+
+    @cached_property
+    def _drawn(self) -> dict[tuple[str, int], tuple[Mesh, ...]]:
+        return {}
+
+    @property
+    def joints(self) -> NDArray[np.float64]:
+        """Return no joints: (len(JOINTS), 3) of NaN."""
+        return np.full((len(JOINTS), 3), np.nan)
+
+    def taking(self, stance: Stance) -> Aid:
+        """Return the aid of another stance."""
+        other = Aid(self._kind, stance, self._rename)
+        other._drawn = self._drawn
+        return other
+
+    def renamed(self, rename: Callable[[str], str]) -> Aid:
+        """Return the aid with materials renamed by ``rename(name)``."""
+        return Aid(self._kind, self.stance, lambda name: rename(self._rename(name)))
+
+
+@lru_cache(maxsize=1)
+def _bicycle() -> VehicleContent:
+    return build_vehicle("bicycle", colour="petrol")
+
+
+@lru_cache(maxsize=1)
+def _pushed_bicycle() -> tuple[Mesh, ...]:
+    """Return the meshes of a bicycle at the place where it is pushed, in the figure's frame."""
+    return tuple(
+        replace(mesh, positions=(mesh.positions + part.transform[:3, 3] + _BICYCLE_AT).astype(np.float32))
+        for part in _bicycle().parts
+        for mesh in part.meshes
+    )
+
+
 class Crowd:
     """Nodes, materials and textures of persons. Each person has its own materials, which vary independently.
 
@@ -91,16 +171,24 @@ class Crowd:
             self.textures.update(person.textures)
 
     def nodes(self, name: str, person: PersonPlace) -> Iterator[Node]:
-        """Yield the node of a person, and a child per character. Only the chosen child is visible."""
+        """Yield the node of a person, a child per character, of which only the chosen one is visible, and those of its aids."""
         path = f"{ROOT}.{name}"
         present = person.character != ABSENT
+        rename = partial("{}/{}".format, name)
+        stance = replace(DEFAULT, pose=person.pose)
         yield Node(path, place(person.x, person.y, 0.0, person.heading), visible=present)
         for character, model in self._figures.items():
-            for material in model.materials.values():
-                own = f"{name}/{material.name}"
-                self.materials[own] = replace(material, name=own)
-            figure = model.renamed(partial("{}/{}".format, name))
+            self._own(model.materials.values(), rename)
+            figure = model.renamed(rename)
             if person.pose != DEFAULT.pose:
-                figure = figure.taking(replace(DEFAULT, pose=person.pose))
+                figure = figure.taking(stance)
             visible = present and character == person.character
             yield Node(f"{path}.{character}", np.eye(4), figure.meshes, visible=visible, figure=figure)
+        self._own((*MATERIALS.values(), *_bicycle().materials.values()), rename)
+        for kind in _AIDS:
+            yield Node(f"{path}.{aid_name(kind, name)}", np.eye(4), visible=present, figure=Aid(kind, stance, rename))
+
+    def _own(self, materials: Iterable[Material], rename: Callable[[str], str]) -> None:
+        self.materials |= {
+            rename(material.name): replace(material, name=rename(material.name)) for material in materials
+        }

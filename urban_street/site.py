@@ -14,9 +14,11 @@ from typing import Any, Final
 import numpy as np
 from pydantic import Field
 
+from urban_street.human.aids import REACHES
 from urban_street.human.stances import GAITS
+from urban_street.human.townspeople import TOWNSPEOPLE
 from urban_street.odd import with_meaning
-from urban_street.pedestrians import PEOPLE_REACH, PERSON_RADIUS_M, Crowd, PersonPlace, person_parameters
+from urban_street.pedestrians import PEOPLE_REACH, PERSON_RADIUS_M, Crowd, PersonPlace, aid_classes, person_parameters
 from urban_street.street.plan import Placement, Season, StreetLayout
 from urban_street.street.shapes import DEFAULT_PHASE, PHASES, Signals
 from urban_street.traffic_places import (
@@ -183,14 +185,16 @@ def _manifest(site: Site) -> Manifest:
         persons=paths,
         person_radius_m=PERSON_RADIUS_M,
         cameras=tuple(site.cameras),
-        node_classes=dict.fromkeys(_rider_paths(site), "rider"),
+        node_classes={**dict.fromkeys(_rider_paths(site), "rider"), **aid_classes(site.people)},
         gaits=GAITS,
+        reaches=dict(REACHES),
         paints=PAINTS,
         training=TrainingRules(
+            # The shipped networks' scenes follow from the draws of each seed: later characters join when they are trained anew.
             # A second outfit of one body would show that body twice as often.
             left_out=(
                 *(f"{ROOT}.{name}" for name in site.untrained),
-                *(f"{path}.yellow-outfit" for path in paths),
+                *(f"{path}.{name}" for path in paths for name in ("yellow-outfit", *TOWNSPEOPLE)),
             ),
             poses={"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08},
             worn=("shoe-",),

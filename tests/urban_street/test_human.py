@@ -20,7 +20,7 @@ from valerie.scene.graph.naming import is_cloth
 
 #: The paper's characters, one in skirts with a bag, and a child; the slow tests take the others.
 SAMPLE = ("black-outfit", "yellow-shirt", "red-coat", "striped-boy")
-CHILDREN = {"striped-boy", "pink-girl"}
+CHILDREN = {"striped-boy": (1.05, 1.4), "pink-girl": (1.05, 1.4), "yellow-toddler": (0.9, 1.15)}
 # Requirements of ours, in metres. A sole may float or sink by a millimetre, the second one of a step by three: less than a pixel
 # shows of the nearest person (36 / 50 / 960 of 10 m are 7.5 mm).
 SOLE, SECOND_SOLE = 0.001, 0.003
@@ -101,8 +101,8 @@ def test_the_origin_lies_between_the_feet(character: Figure) -> None:
 
 
 def test_height_is_a_grown_persons_or_a_childs(character: Figure) -> None:
-    # Requirements of ours: a pupil, and a grown person between small women and tall men.
-    low, high = (1.05, 1.4) if character.name in CHILDREN else (1.5, 1.95)
+    # Requirements of ours: a pupil, a toddler, and a grown person between small women and tall men.
+    low, high = CHILDREN.get(character.name, (1.45, 2.02))  # with hats
     if character.name == "navy-coat":
         high = 2.4  # with the umbrella
     assert low <= height(character) <= high

@@ -16,6 +16,7 @@ from urban_street.human import data, figure, stances, surface
 from urban_street.human.catalogue import LOOKS
 from urban_street.human.figure import Model, StanceKey
 from urban_street.human.stances import CARRIED, DEFAULT, POSES
+from urban_street.human.townspeople import TOWNSPEOPLE
 from valerie.errors import UnknownName
 from valerie.scene.graph.model import JOINTS, Mesh, Stance
 
@@ -185,9 +186,10 @@ def test_no_covered_skin_comes_through_anybodys_clothes_at_the_first_instant(any
     assert covered_share(anybody, FIRST, spacing=0.02, directions=6) < SEEN_SKIN
 
 
-def test_all_twelve_bodies_have_silhouettes_of_their_own() -> None:
+def test_the_first_twelve_bodies_have_silhouettes_of_their_own() -> None:
     """Compare bare bodies that stand alike, from the front: only the bodies differ, not clothes or step."""
-    silhouettes = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS if name != "yellow-outfit"}
+    others = {"yellow-outfit", *TOWNSPEOPLE}
+    silhouettes = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS if name not in others}
     assert len(silhouettes) == 12
     for (first, a), (second, b) in combinations(silhouettes.items(), 2):
         assert (a ^ b).sum() > 0.1 * (a | b).sum(), (first, second)  # a tenth, a requirement of ours

@@ -46,8 +46,9 @@ def test_nobody_is_made_before_somebody_looks(monkeypatch: pytest.MonkeyPatch) -
     built: list[BodyShape] = []
     monkeypatch.setattr(sys.modules[Model.__module__], "shape_body", lambda s: built.append(s) or shape_body(s))
     crowd = Crowd()
-    nodes = [node for name, person in numbered(PLACES[:2]).items() for node in crowd.nodes(name, person)]
-    assert len(nodes) == 2 * (1 + len(pedestrians.CHARACTERS))
+    people = numbered(PLACES[:2])
+    nodes = [node for name, person in people.items() for node in crowd.nodes(name, person)]
+    assert len(nodes) == 2 * (1 + len(pedestrians.CHARACTERS)) + len(pedestrians.aid_classes(people))
     assert built == []
     one, other = (
         next(node for node in nodes if node.path == f"scene.{person}.striped-boy")

@@ -8,6 +8,7 @@ from unittest.mock import ANY
 import pytest
 
 from urban_street.human import CHARACTERS
+from urban_street.pedestrians import aid_classes
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.odd import OddAttribute
 from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
@@ -28,6 +29,8 @@ EVERYTHING_SHOWN: dict[str, Value] = {
     "scene.bus-101.visible": True,
 }
 
+#: Nodes of strollers, pushed bicycles and the like, which are there whoever the person is.
+AIDS = aid_classes([path.removeprefix(f"{ROOT}.") for path in MANIFEST.persons])
 #: One property of one thing of the scene, such as ``scene.car-1 x`` or ``sky rain``, and its value.
 Facts = dict[str, object]
 #: Returns the expected differences from the path of the thing, the value of its parameter and the scene before.
@@ -116,12 +119,13 @@ def below(thing: str, name: str, before: Facts) -> list[str]:
 
 
 def another_character(thing: str, value: Value, before: Facts) -> Facts:
-    hidden = {f"{path} shown": False for path in below(thing, "shown", before) if before[f"{path} shown"]}
+    seen = [path for path in below(thing, "shown", before) if before[f"{path} shown"]]
     if value == "absent":
-        return {f"{thing} shown": False, **hidden}
+        return {f"{path} shown": False for path in (thing, *seen)}
+    hidden = {f"{path} shown": False for path in seen if path not in AIDS}
     changed: Facts = {**hidden, f"{thing}.{value} shown": True}
     if not before[f"{thing} shown"]:
-        changed[f"{thing} shown"] = True
+        changed |= {f"{path} shown": True for path in (thing, *AIDS) if path == thing or path.startswith(f"{thing}.")}
         # An absent person's clothes have no parameters; now they read 0.8.
         start = f"{thing.removeprefix('scene.')}/"
         rough = [
@@ -135,10 +139,11 @@ def held(name: str, *, already: str = "") -> Expected:
     """Expect another stance of every character of the person, and another shape of all but the one ``already`` so."""
 
     def expected(thing: str, value: Value, before: Facts) -> Facts:
-        characters = below(thing, name, before)
+        holders = below(thing, name, before)
+        characters = [path for path in holders if path not in AIDS]
         assert len(characters) == len(CHARACTERS)
         reshaped = [path for path in characters if path != f"{thing}.{already}"]
-        return {f"{path} {name}": value for path in characters} | {f"{path} meshes": ANY for path in reshaped}
+        return {f"{path} {name}": value for path in holders} | {f"{path} meshes": ANY for path in reshaped}
 
     return expected
 

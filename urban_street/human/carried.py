@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from urban_street.human import data, fabrics, stances, surface, textures
+from urban_street.human.aids import COLLAR_RING
 from urban_street.human.body import Body
 from urban_street.human.pose import Posed
+from urban_street.human.postures import hips
 from urban_street.human.surface import Indices, Points, normalize
 
 #: Positions, normals, texture coordinates, faces.
@@ -20,7 +22,7 @@ Piece = tuple[Points, Points, Points, Indices]
 
 #: Distance from shoulder joint to crotch of the body for which the sizes below are made, metres.
 _TORSO: Final = 0.57
-_PARTS: Final = {
+_PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "shoulder-bag": ("carried-shoulder-bag",),
     "backpack": ("carried-backpack",),
     "shopping-bag": ("carried-shopping-bag",),
@@ -28,9 +30,19 @@ _PARTS: Final = {
 }
 
 
+#: Parts that belong to a pose.
+_OF_POSE: Final[Mapping[str, tuple[str, ...]]] = {
+    "phone": ("carried-phone",),
+    "crutches": ("carried-crutches",),
+    "cane": ("carried-cane",),
+    "box": ("carried-box",),
+    "dog": ("carried-leash",),
+}
+
+
 def parts(carries: str, pose: str) -> tuple[str, ...]:
     """Return the parts of a carried thing that a stance shows."""
-    return _PARTS.get(carries, ()) + (("carried-phone",) if pose == "phone" else ())
+    return _PARTS.get(carries, ()) + _OF_POSE.get(pose, ())
 
 
 def takes_a_hand(carries: str) -> bool:
@@ -49,6 +61,10 @@ def paints(
         "carried-canopy": (partial(fabrics.canopy, umbrella, 44), 0.6),
         "carried-shaft": (partial(fabrics.plain, (30, 30, 32), 45), 0.4),
         "carried-phone": (partial(fabrics.plain, (14, 14, 16), 46), 0.2),
+        "carried-crutches": (partial(fabrics.plain, (120, 124, 130), 47), 0.35),
+        "carried-cane": (partial(fabrics.plain, (78, 48, 26), 48), 0.35),
+        "carried-box": (partial(fabrics.cardboard, (176, 134, 88), 49), 0.9),
+        "carried-leash": (partial(fabrics.plain, (120, 26, 26), 50), 0.7),
     }
 
 
@@ -74,9 +90,83 @@ def build(carries: str, pose: str, body: Body, posed: Posed, clothes: Points, gr
         side = stances.umbrella_side(pose)
         head = _moved(posed, "head", body.tail("head"))
         pieces["carried-canopy"], pieces["carried-shaft"] = _umbrella(_grip(body, posed, side), head)
-    if pose == "phone":
-        pieces["carried-phone"] = _phone(body, posed)
-    return pieces
+    return pieces | {part: _of_pose(part, body, posed, clothes, ground) for part in _OF_POSE.get(pose, ())}
+
+
+def _of_pose(part: str, body: Body, posed: Posed, clothes: Points, ground: float) -> Piece:
+    if part == "carried-phone":
+        return _phone(body, posed)
+    right = _grip(body, posed, "r")
+    if part == "carried-crutches":
+        return _joined([_crutch(body, posed, side, ground) for side in "lr"])
+    if part == "carried-cane":
+        foot = np.array([right[0] + 0.03, right[1] + 0.10, ground])
+        hook = right + np.array([[-0.02, -0.055, -0.016], [0.0, -0.03, 0.0], [0.0, 0.02, 0.006], [0.0, 0.055, -0.004]])
+        return _joined(
+            [
+                _tube(np.stack([*hook, right + [0.0, 0.068, -0.04]]), 0.011),
+                _rod(foot, right + [0.0, 0.066, -0.03], 0.0095),
+            ]
+        )
+    if part == "carried-box":
+        return _cardboard_box(right, _grip(body, posed, "l"), clothes)
+    middle = hips(posed.transforms, body)
+    ring = np.array([middle[0], middle[1], ground]) + COLLAR_RING
+    along = np.linspace(0.0, 1.0, 25)[:, None]
+    slack = right + along * (ring - right) - np.array([0.0, 0.0, 0.30]) * along * (1.0 - along)
+    hand = right + np.array([[-0.004, -0.05, -0.05], [0.0, -0.035, 0.0], [0.0, 0.0, 0.005], [0.0, 0.03, 0.0]])
+    return _ribbon(np.concatenate([hand, slack[2:]]), right + [0.3, 0.0, 0.4], 0.016, 0.004)
+
+
+def _crutch(body: Body, posed: Posed, side: str, ground: float) -> Piece:
+    """Return an elbow crutch: a shaft below the hand, a grip, and a tube with a cuff behind the forearm."""
+    grip = _grip(body, posed, side)
+    outwards = 1.0 if side == "r" else -1.0
+    elbow, wrist = (_moved(posed, f"{bone}_{side}", body.head(f"{bone}_{side}")) for bone in ("lowerarm", "hand"))
+    foot = np.array([grip[0] + outwards * 0.04, grip[1] + 0.14, ground])
+    along = normalize(elbow - wrist)
+    ahead = normalize(np.array([0.0, 1.0, 0.0]) - along[1] * along)
+    cuff = wrist + 0.80 * (elbow - wrist)
+    neck = grip + np.array([0.0, 0.058, 0.015])
+    back = cuff - 0.068 * ahead
+    shaft = _tube(np.stack([foot, neck, neck + 0.25 * (back - neck) + 0.02 * along, back]), 0.0105, rounds=1)
+    across = normalize(np.cross(along, ahead))
+    angle = np.radians(np.linspace(-130.0, 130.0, 19))[:, None]
+    ring = cuff + 0.064 * (np.sin(angle) * across - np.cos(angle) * ahead)
+    return _joined(
+        [
+            shaft,
+            _rod(foot, foot + 0.05 * normalize(grip - foot), 0.018),
+            _rod(grip - [0.0, 0.055, -0.004], neck, 0.0165),
+            _ribbon(ring, cuff, 0.055, 0.006),
+        ]
+    )
+
+
+def _cardboard_box(right: Points, left: Points, clothes: Points) -> Piece:
+    """Return a large box between two hands, clear of the chest. It hides the lower part of the face's view of the way."""
+    middle = 0.5 * (right + left)
+    wide = 0.5 * float(np.linalg.norm(right - left)) - 0.012
+    half = np.array([wide, 0.72 * wide, 0.78 * wide])
+    near = clothes[(np.abs(clothes[:, 0] - middle[0]) < 0.6 * wide) & (np.abs(clothes[:, 2] - middle[2]) < half[2])]
+    chest = float(near[:, 1].max()) if len(near) else middle[1] - half[1]
+    ahead = max(middle[1] + 0.3 * half[1], chest + half[1] + 0.01)
+    return _box(np.array([middle[0], ahead, middle[2] + 0.35 * half[2]]), half)
+
+
+def _tube(path: Points, radius: float, *, rounds: int = 2, sides: int = 10) -> Piece:
+    """Return a round bar along a path with rounded corners."""
+    even = _smooth_path(_smooth_path(path, 32, 0), 32, 2 * rounds)
+    along = normalize(np.gradient(even, axis=0))
+    side = normalize(np.cross(along, [0.35, 0.2, 0.0] if abs(along[0, 2]) > 0.8 else [0.0, 0.0, 1.0]))
+    angle = np.arange(sides) / sides * 2.0 * np.pi
+    rings = even[:, None] + radius * (
+        np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * np.cross(along, side)[:, None]
+    )
+    ids = np.arange(rings.shape[0] * sides).reshape(-1, sides)
+    faces = np.concatenate([surface.strip(ids[k], ids[k + 1])[:, ::-1] for k in range(len(ids) - 1)])
+    uvs = np.stack([np.tile(angle, len(ids)), np.repeat(np.linspace(0.0, 1.0, len(ids)), sides)], axis=1)
+    return _outwards(rings.reshape(-1, 3), faces, uvs)
 
 
 def _moved(posed: Posed, bone: str, point: Points) -> Points:

@@ -21,7 +21,7 @@ from urban_street.human.textures import (
 #: Texels per side of textures without a pattern.
 _SMALL: Final = 64
 
-Pattern = Literal["plain", "stripes", "checks", "dots", "pleats", "block"]
+Pattern = Literal["plain", "stripes", "checks", "dots", "pleats", "block", "border"]
 
 
 def plain(colour: Colour, seed: int) -> TextureCanvas:
@@ -140,6 +140,11 @@ def skirt(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") 
         fold = (u * 40.0) % 1.0
         canvas.shade(1.0 - 0.28 * np.clip(1.0 - fold / 0.25, 0.0, 1.0))
         canvas.height += 5.0 * fold
+    elif pattern == "border":
+        canvas.paint(other, 1.0 * ((v > 0.90) & (np.sin(v * 260.0) > -0.6)))
+        petals = np.hypot((u * 26.0) % 1.0 - 0.5, (v * 12.0) % 1.0 - 0.5)
+        canvas.paint(other, 0.8 * (petals < 0.12))
+        canvas.height += 2.5 * np.sin(u * 2.0 * np.pi * 18.0) * (np.abs(u - 0.5) < 0.16)  # pleats in front
     weave(canvas, random, contrast=0.04, relief=0.14)
     seam(canvas, v - 0.03, dark=0.25, width=0.003)
     seam(canvas, v - 0.97, dark=0.2, width=0.003)
@@ -158,6 +163,152 @@ def blouse(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain")
     weave(canvas, random, contrast=0.04, relief=0.14)
     for place in (0.25, 0.75):
         seam(canvas, u - place, v < TRUNK_SHARE, dark=0.15)
+    return canvas
+
+
+def suit(colour: Colour, shirt: Colour, tie: Colour, seed: int) -> TextureCanvas:
+    """Paint a jacket with lapels over a shirt and a tie, two buttons, a breast pocket and flaps."""
+    random = np.random.default_rng(seed)
+    canvas = TextureCanvas.plain(colour)
+    u, v = grid()
+    trunk = v < TRUNK_SHARE
+    height = v / TRUNK_SHARE
+    front = np.abs(u - 0.5)
+    opening = 0.062 * np.clip(1.0 - height / 0.46, 0.0, 1.0)
+    inside = (front < opening) & trunk
+    canvas.paint(shirt, 1.0 * inside)
+    knot = 0.010 + 0.010 * np.clip(height / 0.46, 0.0, 1.0)
+    canvas.paint(tie, 1.0 * (inside & (front < knot)))
+    seam(canvas, front - knot, inside, dark=0.35, width=0.003)
+    weave(canvas, random, contrast=0.04, relief=0.12)
+    lapel = (front >= opening) & (front < opening + 0.045 * np.clip(1.0 - height / 0.50, 0.0, 1.0)) & trunk
+    canvas.height += 2.0 * lapel
+    seam(canvas, front - opening, trunk & (height < 0.47), dark=0.45, width=0.005)
+    seam(canvas, front - opening - 0.045 * np.clip(1.0 - height / 0.50, 0.0, 1.0), trunk & (height < 0.5), dark=0.3)
+    seam(canvas, u - 0.515, trunk & (height > 0.46), dark=0.45, width=0.004)
+    for place in (0.50, 0.62):
+        distance = np.hypot(u - 0.495, (v - place * TRUNK_SHARE) * 0.75)
+        canvas.paint((22, 20, 20), 1.0 * (distance < 0.006))
+    for side in (0.36, 0.64):
+        box = np.maximum(np.abs(u - side) / 0.05, np.abs(height - 0.74) / 0.03)
+        seam(canvas, box - 1.0, trunk, dark=0.35, width=0.06)
+    canvas.paint(shirt, 0.9 * ((np.abs(u - 0.415) < 0.022) & (np.abs(height - 0.34) < 0.008)))
+    for place in (0.25, 0.75):
+        seam(canvas, u - place, trunk)
+    arm = (v - SLEEVE_START) / (1.0 - SLEEVE_START)
+    canvas.paint(shirt, 0.95 * ((v > SLEEVE_START) & (arm > 0.965)))
+    return canvas
+
+
+def vest(colour: Colour, band: Colour, seed: int) -> TextureCanvas:
+    """Paint a high-visibility vest (EN ISO 20471): two bands around the trunk, one over each shoulder, a zip."""
+    random = np.random.default_rng(seed)
+    canvas = TextureCanvas.plain(colour)
+    weave(canvas, random, contrast=0.03, relief=0.10)
+    u, v = grid()
+    trunk = v < TRUNK_SHARE
+    height = v / TRUNK_SHARE
+    front = np.abs(u - 0.5)
+    behind = np.minimum(u, 1.0 - u)
+    for place in (0.60, 0.82):
+        canvas.paint(band, 1.0 * (trunk & (np.abs(height - place) < 0.042)))
+    braces = (np.abs(front - 0.085) < 0.017) | (np.abs(behind - 0.085) < 0.017)
+    canvas.paint(band, 1.0 * (trunk & (height < 0.60) & braces))
+    canvas.paint((60, 62, 64), 0.8 * line(front, 0.003) * trunk)
+    canvas.shade(1.0 + 0.05 * np.sin(u * 2.0 * np.pi * 150.0) * np.sin(v * 2.0 * np.pi * 150.0))
+    return canvas
+
+
+def cardigan(colour: Colour, under: Colour, seed: int) -> TextureCanvas:
+    """Paint an open-necked cardigan with buttons over a blouse or shirt, ribbed at hem and cuffs."""
+    canvas = sweater(colour, seed)
+    u, v = grid()
+    trunk = v < TRUNK_SHARE
+    height = v / TRUNK_SHARE
+    front = np.abs(u - 0.5)
+    opening = 0.048 * np.clip(1.0 - height / 0.36, 0.0, 1.0)
+    canvas.paint(under, 1.0 * ((front < opening) & trunk))
+    seam(canvas, front - opening, trunk & (height < 0.37), dark=0.35, width=0.005)
+    canvas.height += 1.2 * ((np.abs(front - opening - 0.010) < 0.010) & trunk)
+    seam(canvas, front - opening - 0.020, trunk, dark=0.2, width=0.003)
+    for place in (0.42, 0.56, 0.70, 0.84):
+        distance = np.hypot(u - 0.503, (v - place * TRUNK_SHARE) * 0.75)
+        canvas.paint((214, 200, 176), 1.0 * (distance < 0.0065))
+    return canvas
+
+
+def denim_jacket(colour: Colour, thread: Colour, seed: int) -> TextureCanvas:
+    """Paint a denim jacket: twill, yoke, breast pockets, two slanted seams, buttons and double stitches."""
+    random = np.random.default_rng(seed)
+    canvas = TextureCanvas.plain(colour)
+    weave(canvas, random, contrast=0.08, relief=0.14)
+    u, v = grid()
+    trunk = v < TRUNK_SHARE
+    height = v / TRUNK_SHARE
+    front = np.abs(u - 0.5)
+    canvas.shade(1.0 + 0.05 * np.sin((u + v) * 2.0 * np.pi * 128.0))
+    canvas.shade(1.0 + 0.22 * line(front - 0.11, 0.06) * line(height - 0.5, 0.3) * trunk)
+    stitch = 0.55 * (np.sin((u + v) * 660.0) > -0.2)
+    lines = [
+        front - 0.020,
+        np.where(front < 0.2, height - 0.30, 1.0),
+        height - 0.93,
+        front - 0.075 - 0.05 * (0.9 - height),
+    ]
+    for distance in lines:
+        seam(canvas, distance, trunk, dark=0.35, width=0.004)
+        canvas.paint(thread, stitch * line(distance - 0.010, 0.0026) * trunk)
+    for side in (0.385, 0.615):
+        box = np.maximum(np.abs(u - side) / 0.042, np.abs(height - 0.36) / 0.055)
+        seam(canvas, box - 1.0, trunk, dark=0.35, width=0.05)
+    for place in np.arange(0.12, 0.95, 0.16):
+        canvas.paint((170, 150, 110), 1.0 * (np.hypot(u - 0.505, (v - place * TRUNK_SHARE) * 0.75) < 0.006))
+    arm = (v - SLEEVE_START) / (1.0 - SLEEVE_START)
+    seam(canvas, arm - 0.90, v > SLEEVE_START, dark=0.35, width=0.008)
+    return canvas
+
+
+def sports(colour: Colour, stripe: Colour, seed: int) -> TextureCanvas:
+    """Paint sports trousers with a stripe down the outside of each leg."""
+    random = np.random.default_rng(seed)
+    canvas = TextureCanvas.plain(colour)
+    u, v = grid()
+    canvas.paint(stripe, 1.0 * (np.abs(u - 0.5) < 0.028))
+    weave(canvas, random, contrast=0.03, relief=0.08)
+    seam(canvas, v - 0.05, dark=0.2, width=0.004)
+    seam(canvas, np.minimum(u, 1.0 - u), dark=0.2)
+    return canvas
+
+
+def sari(blouse_colour: Colour, cloth: Colour, border: Colour, seed: int) -> TextureCanvas:
+    """Paint a short blouse under the end of a sari, which runs from the right hip over the left shoulder and down the back."""
+    random = np.random.default_rng(seed)
+    canvas = TextureCanvas.plain(blouse_colour)
+    u, v = grid()
+    trunk = v < TRUNK_SHARE
+    height = v / TRUNK_SHARE
+    # u grows to the right: in front, the upper edge rises from the right hip (u 0.75) to the left shoulder (u 0.40).
+    edge = np.interp(
+        u, [0.0, 0.12, 0.25, 0.32, 0.42, 0.56, 0.75, 0.86, 1.0], [0.30, 0.0, 0.0, 0.0, 0.06, 0.36, 0.86, 0.80, 0.30]
+    )
+    draped = trunk & (height > edge)
+    canvas.paint(cloth, 1.0 * draped)
+    canvas.height += 2.2 * np.sin((height - edge) * 2.0 * np.pi * 9.0) * draped
+    canvas.paint(border, 1.0 * (draped & (height < edge + 0.075)))
+    weave(canvas, random, contrast=0.04, relief=0.12)
+    seam(canvas, height - edge, trunk & (edge > 0.0), dark=0.4, width=0.006)
+    return canvas
+
+
+def scarf(colour: Colour, seed: int) -> TextureCanvas:
+    """Paint soft cloth wound around the head: folds that run askew."""
+    random = np.random.default_rng(seed)
+    canvas = TextureCanvas.plain(colour)
+    u, v = grid()
+    winding = np.sin(2.0 * np.pi * (7.0 * v + 2.2 * np.abs(u - 0.5) + 0.15 * noise(random, (30.0, 30.0))))
+    canvas.height += 3.0 * winding
+    canvas.shade(1.0 + 0.07 * winding)
+    weave(canvas, random, contrast=0.04, relief=0.10)
     return canvas
 
 
@@ -205,6 +356,20 @@ def paper(colour: Colour, seed: int) -> TextureCanvas:
     canvas.height += 1.2 * noise(random, (8.0, 3.0), 128)
     u, v = grid(128)
     canvas.paint((156, 38, 34), 0.9 * (np.hypot(u - 0.5, v - 0.45) < 0.22))
+    return canvas
+
+
+def cardboard(colour: Colour, seed: int) -> TextureCanvas:
+    """Paint the side of a cardboard box: tape along the middle, and a printed sign."""
+    random = np.random.default_rng(seed)
+    canvas = TextureCanvas.plain(colour, 256)
+    canvas.shade(1.0 + 0.03 * noise(random, (0.6, 6.0), 256))
+    u, v = grid(256)
+    canvas.paint((196, 162, 112), 0.8 * (np.abs(v - 0.5) < 0.06))
+    seam(canvas, v - 0.5, dark=0.25, width=0.004)
+    canvas.paint(
+        (60, 44, 34), 0.8 * ((np.abs(u - 0.78) < 0.10) & (np.abs(v - 0.76) < 0.07) & (np.sin(u * 160.0) > -0.3))
+    )
     return canvas
 
 

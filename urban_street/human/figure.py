@@ -19,6 +19,7 @@ from urban_street.human import (
     hats,
     outfits,
     pose,
+    postures,
     shoes,
     skin,
     stances,
@@ -38,6 +39,8 @@ from valerie.scene.graph.model import Material, Mesh, Stance, Texture
 
 #: Number of stances of a figure whose meshes are cached: a walk cycle, and the other poses.
 _KEPT_STANCES: Final = 24
+#: Height over the ground of cloth that lies on it, metres.
+_LYING: Final = 0.003
 _HIDDEN_MARGIN: Final = 0.04
 #: A larger margin, since the view reaches further under a skirt.
 _SKIRT_MARGIN: Final = 0.14
@@ -145,9 +148,9 @@ class Figure:
     @property
     def _key(self) -> StanceKey:
         stance = self._stance
-        step = stances.gait_step(stance.gait_phase) if stance.pose == "walking" else 0
-        own = self._model.look.carries
-        return StanceKey(stance.pose, step, own if stance.carries == "own" else stance.carries)
+        step = stances.gait_step(stance.gait_phase) if stance.pose in stances.GAITS else 0
+        carries = self._model.look.carries if stance.carries == "own" else stance.carries
+        return StanceKey(stance.pose, step, stances.kept(carries, stance.pose))
 
 
 class SeatedFigure:
@@ -270,14 +273,13 @@ class Model:
         return skin.bare_parts(body, hidden)
 
     @cached_property
-    def _first(self) -> tuple[dict[str, PartShape], pose.Posed]:
-        posed = self.posed(_FIRST)
-        return self.full_shapes(posed), posed
+    def _first(self) -> dict[str, PartShape]:
+        return self.full_shapes(self.posed(_FIRST))
 
     @cached_property
     def _slim(self) -> dict[str, surface.Mapped]:
         """Return the simplification of each part, computed at the first instant of the walk and used for all stances."""
-        full, _ = self._first
+        full = self._first
         keep = {"skin-head": 0.62, "skin-limbs": 0.62, "shoe-upper": 0.75}
         simplified = {}
         for part, shape in full.items():
@@ -287,26 +289,21 @@ class Model:
 
     def _shapes(self, key: StanceKey) -> dict[str, PartShape]:
         first = key._replace(carries="nothing") == _FIRST and not carried.takes_a_hand(key.carries)
-        posed = self._first[1] if first else self.posed(key)
-        full = self._first[0] if first else self.full_shapes(posed)
+        posed, origin = self.placed(key)
+        full = self._first if first else self.full_shapes(posed)
         shapes = self.slimmed(full)
-        origin = self._origin(posed)
         ground = origin[2]
         clothes = np.concatenate([shape.positions for part, shape in full.items() if part.startswith("cloth-")])
         for part, thing in carried.build(key.carries, key.pose, self.body, posed, clothes, float(ground)).items():
             shapes[part] = PartShape(*thing)
+        if key.pose in postures.LOW:
+            shapes |= {part: _above(ground, shapes[part]) for part in shapes if part.startswith("cloth-")}
         return {part: shape._replace(positions=shape.positions - origin) for part, shape in shapes.items()}
-
-    def _origin(self, posed: pose.Posed) -> Points:
-        """Return the origin of the meshes in the body's frame, (3,): on the ground between the soles."""
-        soles = [posed.apply(pair[1].points, pair[1].weights) for pair in self.pairs.values()]
-        middle = np.mean([sole.mean(axis=0) for sole in soles], axis=0)
-        return np.array([middle[0], middle[1], np.concatenate(soles)[:, 2].min()])
 
     def joints(self, key: StanceKey) -> Points:
         """Return the joints in a stance, in the frame of its meshes, (len(JOINTS), 3)."""
-        posed = self.posed(key)
-        return pose.joints(self.body, posed) - self._origin(posed)
+        posed, origin = self.placed(key)
+        return pose.joints(self.body, posed) - origin
 
     def slimmed(self, full: Mapping[str, PartShape]) -> dict[str, PartShape]:
         """Return parts from `full_shapes` with fewer triangles, the same ones in every stance."""
@@ -323,11 +320,31 @@ class Model:
 
     def posed(self, key: StanceKey) -> pose.Posed:
         """Return the posed bones in a stance."""
-        look = self.look
-        rotations = stances.rotations(self.body, look.gait, key.pose, key.step, key.carries)
+        return self.placed(key)[0]
+
+    def placed(self, key: StanceKey) -> tuple[pose.Posed, Points]:
+        """Return the posed bones in a stance, and the origin of its meshes in the body's frame, (3,).
+
+        The origin is on the ground: between the soles, or below the hips of a body that is low or holds something.
+        """
+        body, gait = self.body, self.look.gait
         soles = {side: (pair[1].points, pair[1].weights) for side, pair in self.pairs.items()}
-        rotations = stances.feet_on_ground(self.body, rotations, look.gait, key.pose, key.step, soles)
-        return pose.pose_body(self.body, rotations)
+        if key.pose in postures.LOW:
+            rotations, origin = postures.take(body, postures.LOW[key.pose], soles)
+            return pose.pose_body(body, rotations), origin
+        rotations = stances.rotations(body, gait, key.pose, key.step, key.carries)
+        rotations = stances.feet_on_ground(body, rotations, gait, key.pose, key.step, soles)
+        posed = pose.pose_body(body, rotations)
+        feet = [posed.apply(*sole) for sole in soles.values()]
+        middle = np.mean([sole.mean(axis=0) for sole in feet], axis=0)
+        origin = np.array([middle[0], middle[1], np.concatenate(feet)[:, 2].min()])
+        if key.pose in postures.HOLDING:
+            origin[:2] = postures.hips(posed.transforms, body)[:2]
+            rotations |= postures.reach(
+                body, rotations, postures.HOLDING[key.pose], origin, postures.leg_length(body, soles)
+            )
+            posed = pose.pose_body(body, rotations)
+        return posed, origin
 
     def dressed(self, posed: pose.Posed) -> tuple[clothing.Cloth, ...]:
         """Return the settled garments on the posed body, without collars and hems."""
@@ -385,7 +402,7 @@ class Model:
         return shapes
 
     def _on_head(self, posed: pose.Posed) -> Iterator[tuple[str, PartShape]]:
-        turn = posed.transforms[data.rig().bones.index("head")]
+        turn, chest = (posed.transforms[data.rig().bones.index(bone)] for bone in ("head", "spine_03"))
         pieces: dict[str, hair.Hair] = {}
         if self.look.hair is not None:
             pieces["hair-head"] = hair.build_hair(self.look.hair, self.body, self.look.seed)
@@ -393,6 +410,8 @@ class Model:
             pieces["cloth-hat"] = hats.build_hat(self.look.hat, self.body)
         for part, piece in pieces.items():
             points = piece.points @ turn[:3, :3].T + turn[:3, 3]
+            if piece.chest is not None:
+                points += piece.chest[:, None] * (piece.points @ chest[:3, :3].T + chest[:3, 3] - points)
             normals = surface.vertex_normals(points, piece.faces)
             old, uvs, faces = surface.unweld(piece.faces, piece.uvs[piece.faces])
             yield part, PartShape(points[old], normals[old], uvs, faces)
@@ -483,6 +502,11 @@ def _joined(pieces: list[PartShape]) -> PartShape:
         np.concatenate([piece.uvs for piece in pieces]),
         faces,
     )
+
+
+def _above(ground: float, shape: PartShape) -> PartShape:
+    """Return cloth that lies on the ground instead of hanging through it."""
+    return shape._replace(positions=np.maximum(shape.positions, [-np.inf, -np.inf, ground + _LYING]))
 
 
 def _mesh(shape: PartShape, material: str) -> Mesh:

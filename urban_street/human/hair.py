@@ -45,11 +45,15 @@ class HairCut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hair:
-    """(V, 3) rest positions on the head bone, (F, 3) faces, (V, 2) texture coordinates: u around, v from crown to tip."""
+    """(V, 3) rest positions on the head bone, (F, 3) faces, (V, 2) texture coordinates: u around, v from crown to tip.
+
+    ``chest`` is the share, (V,), by which the vertices follow the chest instead of the head; None for none.
+    """
 
     points: Points
     faces: Indices
     uvs: Points
+    chest: Points | None = None
 
 
 def head_centre(body: Body) -> Points:
@@ -152,10 +156,12 @@ def _tube_surface(grid: Points) -> Hair:
 
 def together(first: Hair, second: Hair) -> Hair:
     """Return two surfaces as one."""
+    chests = [np.zeros(len(piece.points)) if piece.chest is None else piece.chest for piece in (first, second)]
     return Hair(
         np.concatenate([first.points, second.points]),
         np.concatenate([first.faces, second.faces + len(first.points)]),
         np.concatenate([first.uvs, second.uvs]),
+        None if first.chest is None and second.chest is None else np.concatenate(chests),
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,25 @@ _HIP: Final = {0: 28, 10: 24, 20: 15, 30: 6, 40: -4, 50: -11, 60: -5, 70: 12, 80
 _KNEE: Final = {0: 4, 7: 12, 15: 18, 25: 14, 38: 5, 50: 12, 60: 36, 71: 60, 80: 47, 90: 17, 96: 4}
 _ANKLE: Final = {0: 0, 7: -6, 20: 4, 35: 8, 46: 10, 54: 0, 62: -17, 72: -6, 82: 1, 92: 1}
 _TOES: Final = {0: 8, 8: 0, 30: 0, 45: 8, 55: 26, 62: 20, 70: 5, 85: 8}
+
+
+class Curves(NamedTuple):
+    """Sagittal angles of the legs, degrees, over the gait cycle, percent: flexion of hip, knee, ankle; rise of the toes."""
+
+    hip: Mapping[int, float]
+    knee: Mapping[int, float]
+    ankle: Mapping[int, float]
+    toes: Mapping[int, float]
+
+
+WALK: Final = Curves(_HIP, _KNEE, _ANKLE, _TOES)
+#: Of running at an easy pace, set by eye, too: the knee gives at each step and folds while the leg swings.
+RUN: Final = Curves(
+    hip={0: 34, 15: 18, 28: -4, 38: -14, 48: -8, 62: 26, 78: 54, 90: 46},
+    knee={0: 16, 14: 36, 26: 26, 38: 16, 50: 62, 64: 104, 78: 82, 91: 32},
+    ankle={0: 4, 14: 18, 26: 6, 38: -24, 48: -18, 66: 0, 88: 4},
+    toes={0: 4, 14: 0, 24: 8, 36: 28, 46: 12, 62: 2, 85: 4},
+)
 
 #: Joint to the bone that begins at it; without the side for limbs.
 _BONES: Final = {
@@ -119,8 +138,8 @@ def pose_body(body: Body, rotations: Mapping[str, Rotation]) -> Posed:
     return Posed(transforms)
 
 
-def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
-    """Return the rotations of all bones at one instant of a walk."""
+def walk(body: Body, gait: Gait, curves: Curves = WALK) -> dict[str, Rotation]:
+    """Return the rotations of all bones at one instant of a walk, or of a run."""
     twist = 5.0 * np.cos(2.0 * np.pi * gait.phase)  # the pelvis turns forward with the striking leg
     rotations = {
         "pelvis": turn(z=-twist),
@@ -131,13 +150,13 @@ def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
         "head": turn(x=0.5 * gait.lean_deg + 3.0, z=-0.4 * twist),
     }
     for side, offset in (("l", 0.0), ("r", 0.5)):
-        rotations |= _leg(body, gait, side, gait.phase + offset, twist)
+        rotations |= _leg(body, gait, curves, side, gait.phase + offset, twist)
         rotations |= _arm(body, gait, side, gait.phase + offset)
         rotations |= fingers(body, side)
     return rotations
 
 
-def _leg(body: Body, gait: Gait, side: str, phase: float, twist: float) -> dict[str, Rotation]:
+def _leg(body: Body, gait: Gait, curves: Curves, side: str, phase: float, twist: float) -> dict[str, Rotation]:
     outwards = -1.0 if side == "l" else 1.0
     hip, ankle = body.head(f"thigh_{side}"), body.head(f"foot_{side}")
     current, target = ankle - hip, np.array([outwards * gait.step_width_m / 2.0, 0.0, 0.0]) - hip
@@ -146,12 +165,12 @@ def _leg(body: Body, gait: Gait, side: str, phase: float, twist: float) -> dict[
     splay = 0.6 * (body.tail(f"foot_{side}") - ankle)[:2]
     toes_in = np.degrees(np.arctan2(splay[0], splay[1])) * 0.45
     level = turn(y=-inwards)
-    thigh = turn(z=twist + toes_in) * turn(x=gait.stride * _curve(_HIP, phase)) * turn(y=inwards)
+    thigh = turn(z=twist + toes_in) * turn(x=gait.stride * _curve(curves.hip, phase)) * turn(y=inwards)
     return {
         f"thigh_{side}": thigh,
-        f"calf_{side}": turn(x=-gait.stride * _curve(_KNEE, phase)),
-        f"foot_{side}": level * turn(x=gait.stride * _curve(_ANKLE, phase)),
-        f"ball_{side}": turn(x=_curve(_TOES, phase)),
+        f"calf_{side}": turn(x=-gait.stride * _curve(curves.knee, phase)),
+        f"foot_{side}": level * turn(x=gait.stride * _curve(curves.ankle, phase)),
+        f"ball_{side}": turn(x=_curve(curves.toes, phase)),
     }
 
 

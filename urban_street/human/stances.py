@@ -1,4 +1,4 @@
-"""Stances: the rotations of all bones of a figure that walks, stands, reads its phone, waves or holds something."""
+"""Stances: the rotations of all bones of a figure that walks, runs, stands, sits, reads its phone or holds something."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from urban_street.human import data
 from urban_street.human.body import Body
-from urban_street.human.pose import Gait, between, fingers, plant, pose_body, turn, walk
+from urban_street.human.pose import RUN, Gait, between, fingers, plant, pose_body, turn, walk
+from urban_street.human.postures import HOLDING, LOW, Soles
 from urban_street.human.surface import Points, normalize
 from valerie.errors import UnknownName
 from valerie.scene.graph.model import Stance
 
-#: Poses of a figure, and the walking ones among them.
-POSES: Final = ("walking", "standing", "phone", "waving")
-GAITS: Final = ("walking",)
+#: Poses of a figure, and those among them in which it walks or runs.
+POSES: Final = ("walking", "standing", "phone", "waving", "running", *LOW, *HOLDING)
+GAITS: Final = ("walking", "running", *(pose for pose in HOLDING if pose != "crutches"))
 #: Things that a figure can carry. ``own`` is the character's own thing.
 CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
 #: The default stance of every figure: the instant shortly after a heel strike, with both feet on the ground.
@@ -31,9 +32,16 @@ _DOUBLE_SUPPORT: Final = 0.12
 #: Distance between the ground and a swinging foot, metres.
 _CLEARANCE: Final = 0.012
 
+#: Poses that need the right hand.
+_RIGHT_HANDED: Final = ("phone", "waving", *(pose for pose, hands in HOLDING.items() if hands.sides == "r"))
+#: Things that a pose leaves no room for: a hand for it, or the place behind or beside a seated body.
+_PUT_DOWN: Final[Mapping[str, tuple[str, ...]]] = {
+    **{pose: ("umbrella", "shopping-bag") for pose, hands in HOLDING.items() if hands.sides != "r"},
+    **dict.fromkeys(LOW, ("umbrella", "shopping-bag", "shoulder-bag")),
+    "wheelchair": CARRIED[2:],
+}
+
 Direction = tuple[float, float, float]
-#: Side ``l`` or ``r`` to (V, 3) rest points of the sole and their (V, bones) weights.
-Soles = Mapping[str, tuple[Points, Points]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,20 +87,28 @@ def rotations(body: Body, gait: Gait, pose: str, step: int, carries: str) -> dic
     """
     if pose not in POSES:
         raise UnknownName("pose", pose, POSES)
+    gait = gait if step == 0 else replace(gait, phase=(gait.phase + step / GAIT_STEPS) % 1.0)
     if pose == "walking":
-        turns = walk(body, gait if step == 0 else replace(gait, phase=(gait.phase + step / GAIT_STEPS) % 1.0))
+        turns = walk(body, gait)
+    elif pose == "running":
+        turns = walk(body, _running(gait), RUN)
+        turns |= fingers(body, "l", 2.2) | fingers(body, "r", 2.2)
+    elif pose in HOLDING and pose in GAITS:
+        hands = HOLDING[pose]
+        turns = walk(body, replace(gait, lean_deg=gait.lean_deg + hands.lean_deg, stride=gait.stride * hands.stride))
     else:
         turns = _stand(body, gait)
+    if pose == "crutches":
+        turns |= {"thigh_l": turn(x=12.0) * turns["thigh_l"], "calf_l": turn(x=-58.0), "foot_l": turn(x=-18.0)}
+        turns |= {"spine_01": turn(x=-4.0), "spine_02": turn(x=-4.0), "head": turn(x=6.0)}
     if pose == "phone":
         turns |= _reach(body, _PHONE, "r")
         turns |= {"neck_01": turn(x=-14.0), "head": turn(x=-16.0, z=-3.0)}
     elif pose == "waving":
         turns |= _reach(body, _WAVE, "r")
         turns |= {"clavicle_r": turn(y=-12.0), "head": turn(z=-6.0)}
-    if carries == "umbrella" and pose not in {"phone", "waving"}:
-        turns |= _reach(body, _CANOPY, "r")
-    elif carries == "umbrella":
-        turns |= _reach(body, _CANOPY, "l")
+    if carries == "umbrella":
+        turns |= _reach(body, _CANOPY, umbrella_side(pose))
     elif carries == "shopping-bag":
         turns |= _reach(body, _LOAD, "l")
     return turns
@@ -110,9 +126,14 @@ def feet_on_ground(
         body, gait, pose, step: as for `rotations`, whose result is ``turns``.
         soles: see `Soles`.
     """
-    if pose != "walking":
+    if pose == "crutches":
+        return _levelled(body, turns, "r", 1.0)
+    if pose not in GAITS:
         return _levelled(body, _levelled(body, turns, "l", 1.0), "r", 1.0)
     phase = (gait.phase + step / GAIT_STEPS) % 1.0
+    if pose == "running":
+        flat = float(np.interp(phase % 0.5, [0.0, 0.06, 0.22, 0.32], [0.4, 1.0, 1.0, 0.0]))
+        return _levelled(body, turns, "l" if phase < 0.5 else "r", flat)
     if phase % 0.5 < _DOUBLE_SUPPORT:
         return plant(body, turns, soles)
     carrying, free = ("l", "r") if phase < 0.5 else ("r", "l")
@@ -144,7 +165,20 @@ def _lifted(body: Body, turns: Mapping[str, Rotation], carrying: str, free: str,
 
 def umbrella_side(pose: str) -> str:
     """Return the hand, ``l`` or ``r``, that holds an umbrella because the pose does not use it."""
-    return "l" if pose in {"phone", "waving"} else "r"
+    return "l" if pose in _RIGHT_HANDED else "r"
+
+
+def kept(carries: str, pose: str) -> str:
+    """Return the carried thing, or ``nothing`` if the pose leaves no hand or no room for it."""
+    return "nothing" if carries in _PUT_DOWN.get(pose, ()) else carries
+
+
+def _running(gait: Gait) -> Gait:
+    """Return the gait of a run: bent elbows that swing further, and a lean."""
+    return replace(
+        gait, stride=0.4 + 0.6 * gait.stride, arm_swing_deg=34.0, elbow_deg=78.0, step_width_m=0.6 * gait.step_width_m,
+        lean_deg=gait.lean_deg + 6.0,
+    )  # fmt: skip
 
 
 def _stand(body: Body, gait: Gait) -> dict[str, Rotation]:

@@ -168,7 +168,7 @@ def _copy_person(
             node,
             path=copy,
             meshes=tuple(mesh.with_material(renamed(mesh.material)) for mesh in meshes) if figure is None else meshes,
-            instance_id=instance_id(PERSON, number),
+            instance_id=instance_id(PERSON, number) if node.label_id == PERSON.id else node.instance_id,
             figure=figure,
         )
         names = {mesh.material for mesh in node.meshes} | {name for name in scene.materials if name.startswith(old)}

@@ -104,6 +104,8 @@ class Manifest(Document):
         placed_cameras: cameras that no file contains.
         node_classes: class by path, for nodes whose names do not state one.
         gaits: poses of persons in which ``gait_phase`` has an effect.
+        reaches: pose of a person to the middles (x, y) of further circles of ``person_radius_m`` that it needs, metres in the
+            person's frame (+y ahead): the ground of a pushed stroller, or of a dog.
         paints: the colours that a vehicle can have, by name.
         training: rules for training scenes.
         trajectories: movements in runs with a sequence or a time.
@@ -132,6 +134,7 @@ class Manifest(Document):
     placed_cameras: tuple[PlacedCamera, ...] = ()
     node_classes: dict[str, str] = Field(default_factory=dict)
     gaits: tuple[str, ...] = ()
+    reaches: dict[str, tuple[Point, ...]] = Field(default_factory=dict)
     paints: dict[str, Paint] = Field(default_factory=dict)
     training: TrainingRules = TrainingRules()
     trajectories: tuple[Trajectory, ...] = ()
@@ -336,14 +339,15 @@ def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field:
 
 
 def _check_poses(manifest: Manifest) -> None:
-    """Check that the poses in ``gaits`` and ``training`` are poses that persons can take."""
+    """Check that the poses in ``gaits``, ``reaches`` and ``training`` are poses that persons can take."""
     poses = {
         choice: None
         for definition in manifest.parameters
         if definition.path.endswith(".pose")
         for choice in definition.choices
     }
-    for field, names in (("gaits", manifest.gaits), ("training.poses", manifest.training.poses)):
+    declared = (("gaits", manifest.gaits), ("reaches", manifest.reaches), ("training.poses", manifest.training.poses))
+    for field, names in declared:
         for name in names:
             if name not in poses:
                 raise UnknownName("pose", name, poses, field=field)

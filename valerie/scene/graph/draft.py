@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.scene.graph.model import Camera, Figure, Light, Material, Node, Scene, Stance
-from valerie.scene.graph.naming import ROOT, is_cloth
+from valerie.scene.graph.naming import ROOT, class_of_name, is_cloth
 from valerie.scene.graph.paints import is_paint
 from valerie.scene.graph.transforms import Pose, camera_angles, camera_transform
 
@@ -102,6 +102,8 @@ class Draft:
     def choose(self, path: str, name: str | None) -> None:
         """Show only the direct child ``name`` of a node; None hides the node with all its children.
 
+        Children whose names state a class are objects of their own: they stay as they are.
+
         Raises:
             UnknownName: there is no such node or child.
         """
@@ -112,7 +114,7 @@ class Draft:
                     f"child of {path}", name, [n.name for n in self.scene.nodes.values() if n.parent == path]
                 )
             for child in self.scene.nodes.values():
-                if child.parent == path:
+                if child.parent == path and (child.name == name or class_of_name(child.name) is None):
                     self.show(child.path, child.name == name)
 
     def stance(self, path: str, **changes: Any) -> None:

@@ -7,7 +7,7 @@ cameras by `valerie.scene.legality.camera_rules`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,6 +15,7 @@ from valerie.parameters.definitions import Value
 from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.assets.manifest import Footprint, Manifest
 from valerie.scene.graph.naming import ROOT
+from valerie.scene.graph.transforms import cos_sin
 from valerie.scene.legality.camera_rules import CameraRules
 from valerie.scene.legality.mover_rules import MoverRules
 from valerie.scene.legality.movers import Mover, sort_obstacles
@@ -53,6 +54,14 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
         if footprint := settled.at(x, y) or next(held, None):
             return f"{person.name} stands {footprint.text}"
         standing.append((person.name, x, y))
+        pose = str(get(person.pose, person.default_pose))
+        for there in _reached(manifest, pose, x, y, float(get(person.heading, person.default_heading))):
+            if not (x0 <= there[0] <= x1 and y0 <= there[1] <= y1):
+                return f"{person.name} in the pose {pose} reaches out of the asset"
+            held = (footprint for mover in movers if (footprint := mover.holds(*there, assignment)))
+            if footprint := settled.at(*there) or next(held, None):
+                return f"{person.name} in the pose {pose} reaches {footprint.text}"
+            standing.append((person.name, *there))
     if len(standing) > 1 and (overlap := _overlap(standing, 2.0 * manifest.person_radius_m)):
         return overlap
     if reason := prepared.mover_rules.reason(assignment) or prepared.cameras.reason(assignment):
@@ -60,10 +69,17 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
     return weather_reason(assignment, manifest)
 
 
+def _reached(manifest: Manifest, pose: str, x: float, y: float, heading: float) -> Iterator[tuple[float, float]]:
+    """Yield the world's places of the further circles that a pose takes of the ground."""
+    cos, sin = cos_sin(heading)
+    for across, ahead in manifest.reaches.get(pose, ()):
+        yield x + cos * across - sin * ahead, y + sin * across + cos * ahead
+
+
 def _overlap(standing: list[tuple[str, float, float]], distance: float) -> str | None:
     for index, (name, x, y) in enumerate(standing):
         for other, other_x, other_y in standing[:index]:
-            if (x - other_x) ** 2 + (y - other_y) ** 2 < distance * distance:
+            if name != other and (x - other_x) ** 2 + (y - other_y) ** 2 < distance * distance:
                 return f"{other} and {name} overlap"
     return None
 
@@ -77,10 +93,14 @@ class _Person:
     y: str
     character: str
     visible: str
+    pose: str
+    heading: str
     default_x: float
     default_y: float
     default_character: Value
     default_visible: Value
+    default_pose: Value
+    default_heading: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,8 +159,12 @@ def _person(manifest: Manifest, path: str) -> _Person:
         y=f"{path}.pos.y",
         character=f"{path}.character",
         visible=f"{path}.visible",
+        pose=f"{path}.pose",
+        heading=f"{path}.heading",
         default_x=float(default("pos.x", 0.0)),
         default_y=float(default("pos.y", 0.0)),
         default_character=default("character", ""),
         default_visible=default("visible", True),
+        default_pose=default("pose", ""),
+        default_heading=float(default("heading", 0.0)),
     )
