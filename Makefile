@@ -189,6 +189,17 @@ bench-%: setup-dev ## Run one benchmark, e.g. make bench-render
 sensor-strip: setup-dev ## Render docs/images/sensor.jpg: one frame behind each effect of the sensor stage
 	@exec $(PYTHON_BIN) -m tools.sensor_strip
 
+.PHONY: flora
+flora: setup-dev ## Render docs/images/trees.jpg and signs.jpg: kinds of trees, faces of traffic signs
+	@exec $(PYTHON_BIN) -m tools.flora_pictures
+
+# Only this step needs resvg, npm and the drawings.
+.PHONY: sign-faces
+sign-faces: ## Rasterise the faces of traffic signs again (npm)
+	test -x .venv-signs/bin/python || { python3 -m venv .venv-signs && \
+	  .venv-signs/bin/pip install --quiet resvg-py==0.5.0 numpy pillow scipy shapely; }
+	@exec .venv-signs/bin/python -m tools.sign_faces
+
 .PHONY: gallery
 gallery: setup-dev ## Render docs/images/gallery.jpg, places.jpg, one large picture per engine (minutes; Cycles after `make cycles`)
 	@$(PYTHON_BIN) -m tools.gallery && exec $(PYTHON_BIN) -m tools.place_sheet

@@ -35,6 +35,7 @@ _MEANINGS: Final = {
     "bicycle": Meaning(OddAttribute.NON_MOTOR_VEHICLES),
     **dict.fromkeys(("car", "truck", "bus", "motorcycle"), Meaning(OddAttribute.MOTOR_VEHICLES)),
     "traffic-light": Meaning(OddAttribute.DRIVABLE_AREA_SIGNS, "all phases of the program"),
+    "traffic-sign": Meaning(OddAttribute.DRIVABLE_AREA_SIGNS),
     "building": Meaning(OddAttribute.BASIC_STRUCTURES),
 }
 
@@ -45,7 +46,7 @@ def with_meaning(definition: ParameterDefinition, positions: str) -> ParameterDe
     Args:
         positions: source of the ranges of positions.
     """
-    thing = definition.path.removeprefix(f"{ROOT}.").partition("-")[0]
+    thing = definition.path.removeprefix(f"{ROOT}.").partition(".")[0].rpartition("-")[0]
     meaning = _MEANINGS.get(definition.path) or _MEANINGS.get(thing)
     if meaning is None:
         return definition

@@ -29,6 +29,7 @@ from urban_street.traffic_places import (
     traffic_parameters,
 )
 from urban_street.varied_houses import house_parameters
+from urban_street.varied_signs import sign_parameters, varied_signs, with_faces
 from urban_street.vehicles.build import picked_paint, vehicle_seed
 from urban_street.vehicles.paints import PAINTS
 from valerie.errors import InvalidInput
@@ -213,6 +214,7 @@ def _scene(site: Site, manifest: Manifest) -> Scene:
     ]
     materials = dict(content.materials)
     nodes = _with_own_paint(nodes, materials, [car.path for car in site.parked])
+    nodes, face_materials, face_textures = with_faces(nodes, varied_signs(site.layout))
     crowd = Crowd()
     for name, person in site.people.items():
         nodes += crowd.nodes(name, person)
@@ -226,8 +228,8 @@ def _scene(site: Site, manifest: Manifest) -> Scene:
         )
     return Scene(
         nodes=classified(nodes, manifest.node_classes, manifest.movable),
-        materials=materials | crowd.materials | vehicles.materials,
-        textures=content.textures | crowd.textures | vehicles.textures,
+        materials=materials | face_materials | crowd.materials | vehicles.materials,
+        textures=content.textures | face_textures | crowd.textures | vehicles.textures,
         cameras={name: _camera(name, camera) for name, camera in site.cameras.items()},
         sun=Sun(azimuth=math.radians(site.sky.azimuth), elevation=math.radians(site.sky.elevation)),
         environment=Environment(bearing=math.radians(site.sky.bearing)),
@@ -285,6 +287,8 @@ def _parameters(site: Site) -> Iterator[ParameterDefinition]:
         yield from _parked_parameters(car, site.layout.settings.seed, site.reach.vehicles)
     for house in site.houses:
         yield from house_parameters(house)
+    for sign in varied_signs(site.layout):
+        yield from sign_parameters(sign)
     for placement in site.layout.placements:
         if isinstance(placement.shape, Signals):
             yield choice(

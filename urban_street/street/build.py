@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from urban_street.signs.faces import LIKE_DRAWN, face_materials, face_textures, plate
 from urban_street.solids.surfaces import Bag, pose
-from urban_street.street import amenities, furniture, house_styles, road, roadside, signals, swept
+from urban_street.street import amenities, furniture, house_styles, road, roadside, signals, species, swept
+from urban_street.street.foliage import build_clustered_tree, clad
 from urban_street.street.houses import add_floor, build_house
-from urban_street.street.materials import make_materials, make_textures
+from urban_street.street.materials import foliage_materials, foliage_textures, make_materials, make_textures
 from urban_street.street.plan import Placement, StreetLayout, StreetLines
 from urban_street.street.rows import HOUSE_STYLES
 from urban_street.street.shapes import DEFAULT_PHASE, PHASES, Signals
@@ -70,17 +72,19 @@ def build_street(layout: StreetLayout) -> StreetContent:
                     )
     in_use = {mesh.material for part in parts for mesh in part.meshes}
     settings = layout.settings
-    all_materials = make_materials(settings.seed) | workshop.materials
+    all_materials = (
+        make_materials(settings.seed) | foliage_materials(settings.season) | face_materials() | workshop.materials
+    )
     materials = {name: material for name, material in all_materials.items() if name in in_use}
     in_use = {texture for material in materials.values() for texture in material.textures}
-    painted = make_textures(settings) | workshop.textures
+    painted = make_textures(settings) | foliage_textures(settings) | face_textures() | workshop.textures
     textures = {name: texture for name, texture in painted.items() if name in in_use}
     return StreetContent(tuple(parts), materials, textures)
 
 
 def _transform(placement: Placement) -> Matrix:
     matrix = pose(placement.x, placement.y, placement.z, placement.heading)
-    if placement.kind in _TREES:
+    if placement.kind in _TREES or placement.kind.removeprefix("far-") in species.SPECIES:
         matrix[:3, :3] *= placement.size[0]
     return matrix
 
@@ -121,6 +125,11 @@ class _Workshop:
             return house.meshes()
         if kind in _GROUND:
             return _GROUND[kind](placement, self._lines).meshes()
+        if kind == "face" and self._settings.signs == "catalogue":
+            return plate(LIKE_DRAWN[placement.variant])
+        if kind in _GREENERY:
+            make = clad if self._settings.trees == "clusters" else furniture.foliage
+            return _GREENERY[kind](placement, make).meshes()
         if kind in _UNIQUE:
             return _UNIQUE[kind](placement).meshes()
         key = (kind, placement.variant)
@@ -129,8 +138,11 @@ class _Workshop:
         return self._shared[key]
 
     def _build_shared(self, kind: str, variant: int) -> Bag:
+        rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
+        if self._settings.trees == "clusters" and (name := kind.removeprefix("far-")) in species.SPECIES:
+            form = species.SPECIES[name]
+            return build_clustered_tree(form if name == kind else form.from_afar(), rng, name)
         if kind in _TREES:
-            rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
             tree = _TREES[kind]
             shape = in_season(tree.shape, self._settings.season, blossoms=tree.leaves == "leaves-cherry")
             return build_tree(shape, rng, bark=tree.bark, leaves=tree.leaves or f"leaves-{variant}", twigs=tree.twigs)
@@ -139,7 +151,7 @@ class _Workshop:
         try:
             return _SHARED[kind]()
         except KeyError:
-            kinds = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
+            kinds = (*HOUSE_STYLES, *_GROUND, *_GREENERY, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
             raise UnknownName("kind of street object", kind, kinds) from None
 
 
@@ -160,12 +172,15 @@ _GROUND: dict[str, Callable[[Placement, StreetLines], Bag]] = {
     "outskirts": lambda _, lines: road.build_outskirts(lines),
 }
 
+_GREENERY: dict[str, Callable[[Placement, furniture.Foliage], Bag]] = {
+    "hedge": furniture.hedge,
+    "planter": furniture.planter,
+}
+
 _UNIQUE: dict[str, Callable[[Placement], Bag]] = {
     "garden": road.build_garden,
-    "hedge": furniture.hedge,
     "cabinet": amenities.cabinet,
     "guard-rail": amenities.guard_rail,
-    "planter": furniture.planter,
     "railing": lambda placement: furniture.iron_railing(placement.size[0]),
     "low": lambda placement: furniture.low_wall(placement.size[0]),
     "bins": lambda placement: furniture.bins(placement.seed),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -152,7 +153,11 @@ def bins(seed: int) -> Bag:
     return bag
 
 
-def _foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng: np.random.Generator) -> Bag:
+#: Builds a box of greenery: lowest and highest corner, leaves per square metre, length of a leaf (metres), random choices.
+Foliage = Callable[[Floats, Floats, float, float, np.random.Generator], Bag]
+
+
+def foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng: np.random.Generator) -> Bag:
     """Build a box of clipped greenery with leaves that stand out of its surface."""
     bag = Bag()
     bag.add("hedge", boxes([low], [high], skip=("-z",)))
@@ -186,18 +191,18 @@ def _foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rn
     return bag
 
 
-def hedge(placement: Placement) -> Bag:
+def hedge(placement: Placement, make: Foliage = foliage) -> Bag:
     """Build a clipped hedge along y; its size is (thickness, length, height)."""
     thick, long, high = placement.size
     rng = np.random.default_rng(placement.seed)
-    return _foliage(np.array([-0.5 * thick, 0.0, 0.0]), np.array([0.5 * thick, long, high]), 40.0, 0.09, rng)
+    return make(np.array([-0.5 * thick, 0.0, 0.0]), np.array([0.5 * thick, long, high]), 40.0, 0.09, rng)
 
 
-def planter(placement: Placement) -> Bag:
+def planter(placement: Placement, make: Foliage = foliage) -> Bag:
     """Build a wooden box with shrubs; its size is (thickness, length)."""
     thick, long = placement.size
     rng = np.random.default_rng(placement.seed)
-    bag = _foliage(np.array([-0.42 * thick, 0.08, 0.45]), np.array([0.42 * thick, long - 0.08, 0.85]), 200.0, 0.10, rng)
+    bag = make(np.array([-0.42 * thick, 0.08, 0.45]), np.array([0.42 * thick, long - 0.08, 0.85]), 200.0, 0.10, rng)
     bag.add("planter", boxes([[-0.5 * thick, 0.0, 0.0]], [[0.5 * thick, long, 0.5]], skip=("-z",)))
     return bag
 

@@ -6,6 +6,7 @@ between them, with gaps, and never within `CAMERA_CORRIDOR`.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from urban_street.street import layout_furniture
+from urban_street.street import layout_furniture, species
 from urban_street.street.plan import (
     CAMERA_CORRIDOR,
     SIDE_HALF,
@@ -307,6 +308,8 @@ def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
 
 def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str]:
     """Yield the kinds of the trees along one kerb: an avenue of one kind, with some trees of other kinds."""
+    if settings.trees == "clusters":
+        yield from species.kerb_kinds(settings, rng)
     others = ("plane", "birch", "hornbeam", "cherry")
     # A plane's crown needs room. Birches and columns suit narrow streets.
     avenue = str(rng.choice(["tree", "plane"] if settings.pavement_width_m >= 3.2 else ["tree", "hornbeam"]))
@@ -317,9 +320,9 @@ def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str
 def _place_trees(plan: StreetPlan, rng: np.random.Generator) -> list[tuple[bool, float]]:
     """Place trees along both kerbs, and return (left side?, y) of each trunk."""
     trunks = []
-    species = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
+    picks = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
     for left in (True, False):
-        kinds = _species(plan.settings, species)
+        kinds = _species(plan.settings, picks)
         y = plan.lines.row_start + (4.0 if left else 8.5)
         while y < plan.lines.row_stop - 3.0:
             here = y + float(rng.uniform(-1.2, 1.2))
@@ -338,10 +341,11 @@ def _place_trees(plan: StreetPlan, rng: np.random.Generator) -> list[tuple[bool,
             )  # fmt: skip
             plan.block(tree, disc(x, here, 0.3 if tree.kind.endswith("plane") else 0.2))
             trunks.append((left, here))
+    beyond = species.garden_kinds(picks) if plan.settings.trees == "clusters" else itertools.repeat("tree")
     for x in (-9.0, -3.2, 3.4, 9.6, 16.0):  # beyond the cross street
         tree = plan.add(
-            "vegetation", "far-tree", x + float(rng.uniform(-0.8, 0.8)), plan.lines.road_stop + 0.6, z=plan.lines.kerb_height,
-            heading=float(rng.uniform(0.0, 6.0)), variant=int(rng.integers(TREE_MODELS)),
+            "vegetation", f"far-{next(beyond)}", x + float(rng.uniform(-0.8, 0.8)), plan.lines.road_stop + 0.6,
+            z=plan.lines.kerb_height, heading=float(rng.uniform(0.0, 6.0)), variant=int(rng.integers(TREE_MODELS)),
             size=(float(rng.uniform(1.0, 1.2)),),
         )  # fmt: skip
         plan.block(tree, disc(tree.x, tree.y, 0.2))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from urban_street.street import species
 from urban_street.street.plan import SIDE_HALF, Spot
 from urban_street.street.planning import StreetPlan
 
@@ -35,13 +36,14 @@ def _towards_houses(*, left: bool) -> float:
 
 
 def _place_pits(plan: StreetPlan) -> None:
-    trees = [p for p in plan.placements if p.object_class == "vegetation" and p.kind.removeprefix("far-") in SPECIES]
+    kinds = species.SPECIES if plan.settings.trees == "clusters" else SPECIES
+    trees = [p for p in plan.placements if p.object_class == "vegetation" and p.kind.removeprefix("far-") in kinds]
     for tree in trees:
         if tree.y < plan.lines.road_stop - 3.0:
             plan.add("terrain", "pit", tree.x, tree.y, z=plan.lines.kerb_height)
 
 
-#: Kinds of trees, by the names of their builders.
+#: Kinds of trees with a triangle per leaf, by the names of their builders.
 SPECIES = ("tree", "plane", "birch", "hornbeam", "cherry")
 
 

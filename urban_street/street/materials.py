@@ -7,9 +7,10 @@ from functools import partial
 
 import numpy as np
 
+from urban_street.street import species
 from urban_street.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
 from urban_street.street.plan import Season, StreetSettings, lines_of
-from urban_street.street.textures import ground, surfacing, things, walls
+from urban_street.street.textures import ground, sprays, surfacing, things, walls
 from valerie.scene.graph.deferred import DeferredTexture, deferred_textures
 from valerie.scene.graph.model import Material, Texture
 
@@ -151,6 +152,53 @@ def _surfacing(settings: StreetSettings) -> dict[str, Texture]:
 
 def _maps(name: str) -> tuple[str, str, str]:
     return name, f"{name}-normal", f"{name}-roughness"
+
+
+def foliage_textures(settings: StreetSettings) -> dict[str, Texture]:
+    """Return the textures of trees with clusters of leaves, and the bark that no other tree has."""
+
+    def rng(k: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence([settings.seed, 7009, k]))
+
+    textures = _one("bark-pine", lambda: things.bark_of(rng(0), "pine"))
+    for k, (kind, leaf) in enumerate(_sprays().items()):
+        textures |= _one(
+            f"spray-{kind}", partial(lambda k, leaf: sprays.spray(leaf, settings.season, rng(k)), k + 1, leaf)
+        )
+    return textures
+
+
+def foliage_materials(season: Season = "summer") -> dict[str, Material]:
+    """Return the materials of trees with clusters of leaves."""
+    materials = [
+        *(Material(f"bark-of-{kind}", tint, texture, roughness=0.92) for kind, (texture, tint) in _barks().items()),
+        Material("hedge-core", (0.42, 0.42, 0.42), "hedge", roughness=0.9),
+        Material("stake", (0.62, 0.50, 0.36), "boards", roughness=0.85),
+        Material("strap", (0.03, 0.03, 0.03), roughness=0.8),
+    ]
+    for kind, leaf in _sprays().items():
+        through = _LEAF_TRANSLUCENCY if leaf.evergreen or season != "winter" else 0.0
+        for name, tone in ((f"spray-{kind}", 1.0), (f"spray-{kind}-shade", 0.8)):
+            materials.append(
+                Material(
+                    name, (tone, tone, tone), f"spray-{kind}", roughness=0.8, specular=0.3, alpha_cutoff=sprays.CUTOFF,
+                    double_sided=True, translucency=through,
+                )
+            )  # fmt: skip
+    return {material.name: material for material in materials}
+
+
+#: Share of light through a leaf. Green leaves transmit nearly as much light as they reflect (Jacquemoud and Baret 1990,
+#: doi:10.1016/0034-4257(90)90100-Z), so both sides are equally bright: t = 1 − t / 2.
+_LEAF_TRANSLUCENCY = 0.66
+
+
+def _sprays() -> dict[str, species.Leaf]:
+    return {kind: tree.leaf for kind, tree in species.SPECIES.items()} | {"hedge": species.HEDGE_LEAF}
+
+
+def _barks() -> dict[str, tuple[str, Color]]:
+    return {kind: tree.bark for kind, tree in species.SPECIES.items()}
 
 
 #: Factors of red, green and blue of a leaf's linear colour, by season.

@@ -45,6 +45,8 @@ class StreetSettings(BaseModel):
         side_street: sides on which a street branches off at y = 46 m, behind a zebra crossing.
         surface: surface of the carriageway.
         season: season of the trees.
+        signs: faces of the traffic signs: eight that the street draws itself, or the catalogue `urban_street.signs`.
+        trees: how trees are built: five kinds with a triangle per leaf, or `species.SPECIES` with drawn clusters of leaves.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -59,6 +61,9 @@ class StreetSettings(BaseModel):
     side_street: Literal["none", "left", "right", "both"] = "right"
     surface: Literal["asphalt", "paving"] = "asphalt"
     season: Season = "summer"
+    # A later argument is part of the asset's digest only where it changes something.
+    signs: Literal["drawn", "catalogue"] = Field(default="drawn", exclude_if=lambda signs: signs == "drawn")
+    trees: Literal["triangles", "clusters"] = Field(default="triangles", exclude_if=lambda trees: trees == "triangles")
 
 
 @dataclass(frozen=True, slots=True)

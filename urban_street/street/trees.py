@@ -127,28 +127,57 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
         leaves: material of the leaves.
         twigs: material of branches and twigs; empty for that of the wood.
     """
-    bag = Bag()
     clusters = _crown(settings, rng)
+    bag = build_wood(settings, clusters, rng, bark=bark, twigs=twigs)
+    bag.add(leaves, _leaves(settings, clusters, rng))
+    return bag
+
+
+def build_wood(
+    settings: TreeSettings,
+    clusters: Floats,
+    rng: np.random.Generator,
+    *,
+    bark: str,
+    twigs: str = "",
+    leader: bool = False,
+    foot: float = 0.0,
+) -> Bag:
+    """Build trunk, limbs, branches, and a twig to each of the (N, 3) ``clusters``.
+
+    With a ``leader``, the trunk runs up to the top instead of dividing. It begins at height ``foot``. See `build_tree` for the
+    other arguments.
+    """
+    bag = Bag()
     fork = np.array([*rng.normal(0.0, 0.06, 2), settings.fork])
-    limb_count = int(rng.integers(5, 7))
-    limbs = _limbs(settings, fork, limb_count, rng)
-    branches = _branches(settings, limbs, clusters, rng)
-    fine = _reach(branches, clusters, rng, sag=0.12)[:, [0, 2, 3]]
-    trunk = _bezier(np.zeros((1, 3)), np.array([[*(fork[:2] * 1.5), 0.5 * settings.fork]]), fork[None], 7)
+    if leader:
+        limbs, thickness = _leader(settings, fork), np.linspace(0.86, 0.10, 8)
+    else:
+        limbs = _limbs(settings, fork, int(rng.integers(5, 7)), rng)
+        thickness = np.linspace(0.62, 0.2, limbs.shape[1])
+    start = 0 if leader else limbs.shape[1] // 3
+    branches = _branches(settings, limbs[:, start:], clusters, rng)
+    fine = _reach(branches[:, 1:], clusters, rng, sag=0.12)[:, [0, 2, 3]]
+    trunk = _bezier(np.array([[0.0, 0.0, foot]]), np.array([[*(fork[:2] * 1.5), 0.5 * settings.fork]]), fork[None], 7)
     flare = np.array([1.45, 1.08, 1.0, 0.95, 0.9, 0.88, 0.86]) * settings.trunk
     wood = (0.5, 1.0)
     bag.add(
         bark,
         tubes(trunk, flare[None], 10, tile=wood),
-        tubes(limbs, np.linspace(0.62, 0.2, limbs.shape[1])[None] * settings.trunk, 7, tile=wood),
+        tubes(limbs, thickness[None] * settings.trunk, 7, tile=wood),
     )
     bag.add(
         twigs or bark,
         tubes(branches, np.linspace(0.24, 0.08, branches.shape[1])[None] * settings.trunk, 4, tile=wood),
         tubes(fine, np.linspace(0.075, 0.02, fine.shape[1])[None] * settings.trunk, 3, tile=wood),
     )
-    bag.add(leaves, _leaves(settings, clusters, rng))
     return bag
+
+
+def _leader(settings: TreeSettings, fork: Floats) -> Floats:
+    """Return the trunk from the fork to the top, (1, steps, 3)."""
+    top = np.array([[0.0, 0.0, settings.height - 0.2]])
+    return _bezier(fork[None], np.array([[*(-0.5 * fork[:2]), 0.5 * (settings.fork + settings.height)]]), top, 8)
 
 
 def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
@@ -200,8 +229,8 @@ def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.r
 
 
 def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: float) -> Floats:
-    """Return curves from the nearest point in the outer part of the wood to each target, (N, 4, 3)."""
-    outer = wood[:, wood.shape[1] // 3 :].reshape(-1, 3)
+    """Return curves from the nearest point of the wood to each target, (N, 4, 3)."""
+    outer = wood.reshape(-1, 3)
     # Wood grows up and out, so starting points above the target count as farther away.
     difference = targets[:, None] - outer[None]
     cost = np.linalg.norm(difference, axis=-1) + 0.6 * np.maximum(-difference[..., 2], 0.0)

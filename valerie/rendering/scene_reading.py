@@ -14,9 +14,6 @@ from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Node, Scen
 
 #: Largest image side, pixels. Padded and supersampled canvases have twice as many per side, and drivers allow 16,384.
 MAX_PIXELS: Final = 8192
-#: Share t of the light on one side of a thin sheet (`Material.double_sided`: leaf, cloth, paper) that its other side shows, in
-#: the sheet's colour. The lit side shows 1 − t / 2.
-TRANSLUCENCY: Final = 0.35
 _IDENTITY: Final[Matrix] = np.eye(4)
 
 

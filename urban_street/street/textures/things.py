@@ -27,7 +27,8 @@ def bark(rng: np.random.Generator) -> Image:
 def bark_of(rng: np.random.Generator, kind: str) -> Image:
     """Return the bark of a kind of tree, (256, 256, 3) sRGB, 0.5 m around and 1 m along.
 
-    ``birch`` is white with dark bands, ``plane`` flakes in patches of olive and cream, ``cherry`` is dark and banded.
+    ``birch`` is white with dark bands, ``plane`` flakes in patches of olive and cream, ``cherry`` is dark and banded,
+    ``pine`` has reddish plates between dark furrows.
     """
     rings = stretched_noise((256, 256), rng, rows=10, columns=90, slope=0.3)
     patches = band_noise((256, 256), rng, longest=110, shortest=14)
@@ -40,6 +41,9 @@ def bark_of(rng: np.random.Generator, kind: str) -> Image:
         old = smoothstep(-0.5, -0.65, patches)[..., None]
         color = np.array([0.20, 0.18, 0.12]) * (1.0 - fresh) + np.array([0.42, 0.39, 0.27]) * fresh
         color = color * (1.0 - old) + np.array([0.11, 0.095, 0.075]) * old
+    elif kind == "pine":
+        furrow = smoothstep(0.25, -0.15, np.abs(patches) + 0.3 * np.abs(rings))[..., None]
+        color = np.array([0.20, 0.105, 0.065]) * (1.0 - furrow) + np.array([0.05, 0.035, 0.028]) * furrow
     else:
         band = smoothstep(0.9, 1.5, rings)[..., None]
         color = np.array([0.085, 0.052, 0.042]) * (1.0 - band) + np.array([0.16, 0.11, 0.085]) * band

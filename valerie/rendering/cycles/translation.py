@@ -23,7 +23,7 @@ from valerie.rendering.cycles.blender import BlenderProcess
 from valerie.rendering.cycles.messages import AirMessage, BeamMessage, CameraMessage, LampMessage, SkyMessage
 from valerie.rendering.lamps import Lamp, glowing, lit_lamps
 from valerie.rendering.rain import rained_on
-from valerie.rendering.scene_reading import TRANSLUCENCY, DrawItem, camera_of, draw_items, material_of
+from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
 from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
 from valerie.rendering.snowfall import snowed_on
 from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Scene, Texture
@@ -256,8 +256,8 @@ class _Sender:
         key = f"material-{hash((material, lens, self._wet, snowy, *textures.values())) & (1 << 64) - 1:x}"
         if self._is_new(key, material):
             # Both sides add up to 1 here, and the lit one is that of the raster engine.
-            share = TRANSLUCENCY / 2 if material.double_sided else 0.0
-            self._blender.ask("material", key=key, translucency=share, lens=lens, wet=self._wet, snowy=snowy, **values)
+            values["translucency"] = material.light_through / 2
+            self._blender.ask("material", key=key, lens=lens, wet=self._wet, snowy=snowy, **values)
         return key
 
     def _texture(self, name: str | None, *, color: bool) -> str | None:

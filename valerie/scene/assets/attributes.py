@@ -176,6 +176,11 @@ def kinds(scene: Scene, path: str) -> tuple[str, ...]:
     return _looks(scene, path, _CHANGING)
 
 
+def faces(scene: Scene, path: str) -> tuple[str, ...]:
+    """Return the faces of a traffic sign: the direct children of its node whose names state no class."""
+    return _looks(scene, path, frozenset({"traffic-sign"}))
+
+
 def _looks(scene: Scene, path: str, classes: frozenset[str]) -> tuple[str, ...]:
     name = parse_object_name(path.rpartition(".")[2])
     if name is None or name[0] not in classes:
@@ -352,6 +357,7 @@ def _table() -> Iterable[Attribute]:
     name = ParameterType.CATEGORICAL
     yield Attribute("character", node, name, "", None, None, geometry, *_chosen(characters))
     yield Attribute("kind", node, name, "", None, None, geometry, *_chosen(kinds))
+    yield Attribute("face", node, name, "", None, None, geometry, *_chosen(faces))
     yield Attribute(
         "colour",
         node,

@@ -45,6 +45,10 @@ class Texture:
     image: NDArray[np.uint8]
 
 
+#: `Material.translucency` of double-sided sheets that state none: leaf, cloth, paper.
+TRANSLUCENCY: Final = 0.35
+
+
 @dataclass(frozen=True, slots=True)
 class Material:
     """Metallic-roughness appearance (glTF 2.0 section 3.9), with Blender's specular tint.
@@ -64,6 +68,8 @@ class Material:
         transmission: share of light that passes straight through a thin pane such as glass, in [0, 1]. Labels and depth are the
             pane's. Engines without transmission draw it opaque.
         traffic: share of the lying snow and leaves that wheels or feet remove where they have polished the surface, in [0, 1].
+        translucency: share t of the light on one side of a thin sheet that its other side shows, in the sheet's colour; the lit
+            side shows 1 − t / 2. None for that of paper and cloth if the sheet is double-sided, else 0.
     """
 
     name: str
@@ -80,6 +86,14 @@ class Material:
     double_sided: bool = False
     transmission: float = 0.0
     traffic: float = 0.0
+    translucency: float | None = None
+
+    @property
+    def light_through(self) -> float:
+        """Return the translucency of its sheet."""
+        if self.translucency is not None:
+            return self.translucency
+        return TRANSLUCENCY if self.double_sided else 0.0
 
     @property
     def textures(self) -> tuple[str, ...]:

@@ -375,6 +375,32 @@ def test_back_faces_show_only_if_the_material_is_double_sided(
     assert (truth.class_map == 12).any() == double_sided
 
 
+@pytest.mark.parametrize(("translucency", "t"), [(None, 0.35), (0.0, 0.0), (0.66, 0.66)])
+def test_a_sheet_shows_the_stated_share_of_the_light_behind_it(
+    raster: RasterRenderer, translucency: float | None, t: float
+) -> None:
+    positions = np.float32([[-0.3, 5, -0.3], [0.3, 5, -0.3], [0.3, 5, 0.3], [-0.3, 5, 0.3]])
+    normals, uvs = np.float32([[0, -1, 0]] * 4), np.zeros((4, 2), np.float32)
+    quad = Mesh(positions, normals, uvs, np.uint32([[0, 1, 2], [0, 2, 3]]), "m")
+    sheet = Material("m", roughness=1.0, specular=0.0, double_sided=True, translucency=translucency)
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 0), 0, 0, 0), focal_length_mm=200.0)
+    wall = Node("scene.wall-1", np.eye(4), (quad,), label_id=12, movable=True)
+    ground = Node("scene.road-1", np.eye(4), (box_mesh((-30, -30, -11), (30, 90, -10), "tar"),), label_id=7)
+    tar = Material("tar", (0.0, 0.0, 0.0), roughness=1.0, specular=0.0)
+    # There is no sky, and no light from below.
+    scene = Scene(
+        {wall.path: wall, ground.path: ground}, {"m": sheet, "tar": tar}, {}, {"camera-1": camera}, Sun(0.0, math.radians(30.0)),
+        environment=Environment(sky_strength=0.0),
+    )  # fmt: skip
+
+    def brightness(azimuth: float) -> float:
+        lit = replace(scene, sun=replace(scene.sun, azimuth=math.radians(azimuth)))
+        return float(raster.full(lit, View("camera-1", 64, 36)).pixels[12:24, 24:40].mean(dtype=np.float64))
+
+    # The sun behind the sheet, then before it: t against 1 − t / 2, in half precision.
+    assert brightness(0.0) / brightness(180.0) == pytest.approx(t / (1.0 - t / 2.0), abs=0.003)
+
+
 def test_cut_out_texels_show_and_label_the_background(raster: RasterRenderer, truth_pass: TruthPass) -> None:
     image = np.full((64, 64, 4), 255, np.uint8)
     image[:, 32:, 3] = 0

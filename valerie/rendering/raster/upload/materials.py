@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.raster.upload.textures import TextureSet
-from valerie.rendering.scene_reading import TRANSLUCENCY
 from valerie.scene.graph.model import Material
 
 #: RGBA texels per material.
@@ -74,7 +73,7 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
     for row, material in zip(table, materials, strict=False):
         row[0] = (*material.base_color, material.alpha_cutoff or 0.0)
         row[1] = (material.roughness, material.metallic, material.specular, material.specular_tint)
-        row[2] = (*material.emissive, TRANSLUCENCY if material.double_sided else 0.0)
+        row[2] = (*material.emissive, material.light_through)
         for column, name in enumerate((material.base_color_texture, material.normal_texture)):
             if name is not None:
                 slot = textures.slots[name]

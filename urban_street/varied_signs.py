@@ -1,0 +1,53 @@
+"""The traffic signs of a generated street whose faces can vary (`StreetSettings.signs`). They belong to the background."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from urban_street.signs.faces import LIKE_DRAWN, face_materials, face_textures, faces, plate
+from urban_street.street.plan import Placement, StreetLayout
+from valerie.parameters.declaring import choice
+from valerie.parameters.definitions import Affects, ParameterDefinition
+from valerie.scene.assets.attributes import ABSENT
+from valerie.scene.graph.model import Material, Node, Texture
+
+#: Number of signs with parameters: those nearest to the places of people.
+_COUNT: Final = 4
+_PEOPLE_Y: Final = 18.0
+
+
+def varied_signs(layout: StreetLayout) -> list[Placement]:
+    """Return the signs with a parameter, nearest to the people first; none if the street draws its faces itself."""
+    if layout.settings.signs == "drawn":
+        return []
+    signs = [placement for placement in layout.placements if placement.kind == "face"]
+    return sorted(signs, key=lambda sign: (abs(sign.y - _PEOPLE_Y), sign.path))[:_COUNT]
+
+
+def sign_parameters(sign: Placement) -> Iterator[ParameterDefinition]:
+    """Yield the parameter of a sign. The default shows what the street draws there."""
+    own = LIKE_DRAWN[sign.variant]
+    yield choice(f"{sign.path}.face", (*faces(), ABSENT), own, Affects.GEOMETRY, "face of the sign, or absent")
+
+
+def with_faces(
+    nodes: Sequence[Node], signs: Sequence[Placement]
+) -> tuple[list[Node], dict[str, Material], dict[str, Texture]]:
+    """Return the nodes, with all faces below those of ``signs``, only their own visible, and what the faces are made of."""
+    if not signs:
+        return list(nodes), {}, {}
+    own = {sign.path: LIKE_DRAWN[sign.variant] for sign in signs}
+    several: list[Node] = []
+    for node in nodes:
+        if node.path not in own:
+            several.append(node)
+            continue
+        several.append(replace(node, meshes=()))
+        several += (
+            Node(f"{node.path}.{face}", np.eye(4), plate(face), visible=face == own[node.path]) for face in faces()
+        )
+    return several, face_materials(), face_textures()
