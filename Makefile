@@ -189,6 +189,11 @@ bench-%: setup-dev ## Run one benchmark, e.g. make bench-render
 sensor-strip: setup-dev ## Render docs/images/sensor.jpg: one frame behind each effect of the sensor stage
 	@exec $(PYTHON_BIN) -m tools.sensor_strip
 
+.PHONY: vehicles
+vehicles: setup-dev ## Write the index of vehicles, and render docs/images/vehicles.jpg (a minute)
+	@$(PYTHON_BIN) -m tools.vehicle_index
+	@exec $(PYTHON_BIN) -m tools.vehicle_sheet
+
 .PHONY: gallery
 gallery: setup-dev ## Render docs/images/gallery.jpg, places.jpg, one large picture per engine (minutes; Cycles after `make cycles`)
 	@$(PYTHON_BIN) -m tools.gallery && exec $(PYTHON_BIN) -m tools.place_sheet

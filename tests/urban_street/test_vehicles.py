@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from urban_street.vehicles import KINDS, VehicleContent, VehiclePart, build_vehicle, dimensions
-from urban_street.vehicles.designs import CARS
+from urban_street.vehicles.bodies import CARS
 from urban_street.vehicles.paints import PAINTS
 from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import label_of_node_class
