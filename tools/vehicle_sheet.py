@@ -17,6 +17,7 @@ from PIL import Image
 from tools.contact_sheet import captioned, contact_sheet
 from urban_street.solids.surfaces import boxes, to_mesh
 from urban_street.vehicles import KINDS, build_vehicle, dimensions
+from urban_street.vehicles.paints import ALL_PAINTS
 from valerie.rendering.base import Renderer, View
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.scene.graph.model import Camera, Material, Node, Scene, Sun
@@ -35,9 +36,20 @@ EYE_M: Final = 1.55
 SHOWN: Final = ("car", "truck")
 
 
+#: Paints of kinds that the street knows in one colour; the others go through all paints in turn.
+_USUAL: Final = {
+    "taxi": "yellow",
+    "ambulance": "white",
+    "police-car": "silver",
+    "camper": "sand",
+    "classic-car": "petrol",
+}
+
+
 def scene_of(kind: str, seed: int, bearing_deg: float) -> Scene:
     """Return a vehicle on an asphalt plane, with the camera at a bearing."""
-    content = build_vehicle(kind, seed)
+    paints = list(ALL_PAINTS)
+    content = build_vehicle(kind, seed, _USUAL.get(kind, paints[7 * seed % len(paints)]))
     length, width, height = dimensions(kind)
     turn = math.radians(bearing_deg)
     seen = abs(math.sin(turn)) * length + abs(math.cos(turn)) * width

@@ -28,7 +28,7 @@ from urban_street.traffic_places import (
 )
 from urban_street.varied_houses import house_parameters
 from urban_street.vehicles.build import picked_paint, vehicle_seed
-from urban_street.vehicles.paints import PAINTS
+from urban_street.vehicles.paints import ALL_PAINTS, PAINTS
 from valerie.errors import InvalidInput
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
@@ -185,7 +185,7 @@ def _manifest(site: Site) -> Manifest:
         cameras=tuple(site.cameras),
         node_classes=dict.fromkeys(_rider_paths(site), "rider"),
         gaits=GAITS,
-        paints=PAINTS,
+        paints=ALL_PAINTS,
         training=TrainingRules(
             # A second outfit of one body would show that body twice as often.
             left_out=(

@@ -45,6 +45,7 @@ class StreetSettings(BaseModel):
         side_street: sides on which a street branches off at y = 46 m, behind a zebra crossing.
         surface: surface of the carriageway.
         season: season of the trees.
+        cars: bodies of the parked cars: the five ``usual`` ones of the first street, or ``varied`` ones.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -59,6 +60,8 @@ class StreetSettings(BaseModel):
     side_street: Literal["none", "left", "right", "both"] = "right"
     surface: Literal["asphalt", "paving"] = "asphalt"
     season: Season = "summer"
+    #: Left out of the asset's digest by default, so that digests of streets from before it are kept.
+    cars: Literal["usual", "varied"] = Field(default="usual", exclude_if=lambda value: value == "usual")
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,13 +35,19 @@ def _bed(bag: Bag, shell: Shell) -> None:
     wheel = 1.02 * d.arch
     for side in (-1.0, 1.0):
         low, high = sorted((side * (half - 0.16), side * half))
-        bag.add("vehicle-plastic", boxes([[low, d.rear_axle - wheel, floor]], [[high, d.rear_axle + wheel, floor + 0.24]]))
+        bag.add(
+            "vehicle-plastic", boxes([[low, d.rear_axle - wheel, floor]], [[high, d.rear_axle + wheel, floor + 0.24]])
+        )
     # a roll bar behind the cab
     y, x, high = y1 - 0.06, half - 0.02, d.rail[1] - 0.10
     for z in (high, high - 0.14):
         bag.add("vehicle-satin", rod([(-x + 0.06, y, z), (x - 0.06, y, z)], 0.022, 10))
     for side in (-1.0, 1.0):
-        post = [(side * (x + 0.06), y - 0.55, top), (side * (x - 0.02), y - 0.10, high - 0.03), (side * (x - 0.06), y, high)]
+        post = [
+            (side * (x + 0.06), y - 0.55, top),
+            (side * (x - 0.02), y - 0.10, high - 0.03),
+            (side * (x - 0.06), y, high),
+        ]
         bag.add("vehicle-satin", rod(post, 0.026, 10))
 
 
@@ -63,7 +69,7 @@ def _open(bag: Bag, shell: Shell) -> None:
 def _box(bag: Bag, shell: Shell) -> None:
     """Add a body of its own behind the cab, with lamps, chassis and mudguards."""
     d = shell.design
-    y0, y1, width, low, high, over = d.box
+    y0, y1, width, low, _, over = d.box
     half = 0.5 * width
     if over:
         _living_quarters(bag, shell)
@@ -122,16 +128,27 @@ def _living_quarters(bag: Bag, shell: Shell) -> None:
         panes = ((y0 + 0.35, y0 + 1.15), (y0 + 1.75, y0 + 2.35))
         out = side * (half + 0.016)
         x0, x1 = sorted((out, side * (half - 0.02)))
-        bag.add("vehicle-black-gloss", boxes([[x0, a, low + 0.68] for a, _ in panes], [[x1, b, low + 1.22] for _, b in panes]))
+        bag.add(
+            "vehicle-black-gloss",
+            boxes([[x0, a, low + 0.68] for a, _ in panes], [[x1, b, low + 1.22] for _, b in panes]),
+        )
     door = np.array([[y1 - 0.88, low - 0.30], [y1 - 0.26, high - 0.34]])
     frame = [(half + 0.006, *door[0]), (half + 0.006, door[1, 0], door[0, 1]), (half + 0.006, *door[1]),
              (half + 0.006, door[0, 0], door[1, 1]), (half + 0.006, *door[0])]  # fmt: skip
     bag.add("vehicle-plastic", rod(frame, 0.012, 5))
     bag.add("vehicle-black-gloss", boxes([[half, y1 - 0.74, low + 0.72]], [[half + 0.014, y1 - 0.40, low + 1.20]]))
-    bag.add("vehicle-satin", rod([(half + 0.05, y0 + 0.2, high - 0.10), (half + 0.05, y1 - 0.2, high - 0.10)], 0.055, 10, caps=True))
+    bag.add(
+        "vehicle-satin",
+        rod([(half + 0.05, y0 + 0.2, high - 0.10), (half + 0.05, y1 - 0.2, high - 0.10)], 0.055, 10, caps=True),
+    )
     bag.add("vehicle-black-gloss", boxes([[-0.55, y0 - 0.014, low + 0.72]], [[0.55, y0 + 0.02, low + 1.24]]))
-    ladder = [rod([(x, y0 - 0.07, low + 0.1), (x, y0 - 0.07, high - 0.05), (x, y0 + 0.15, high + 0.03)], 0.014, 6) for x in (-0.92, -0.62)]
-    rungs = [rod([(-0.92, y0 - 0.07, z), (-0.62, y0 - 0.07, z)], 0.012, 5) for z in np.arange(low + 0.25, high - 0.2, 0.28)]
+    ladder = [
+        rod([(x, y0 - 0.07, low + 0.1), (x, y0 - 0.07, high - 0.05), (x, y0 + 0.15, high + 0.03)], 0.014, 6)
+        for x in (-0.92, -0.62)
+    ]
+    rungs = [
+        rod([(-0.92, y0 - 0.07, z), (-0.62, y0 - 0.07, z)], 0.012, 5) for z in np.arange(low + 0.25, high - 0.2, 0.28)
+    ]
     bag.add("vehicle-satin", *ladder, *rungs)
 
 

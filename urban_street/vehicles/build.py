@@ -10,14 +10,14 @@ import numpy as np
 
 from urban_street.solids.surfaces import Bag
 from urban_street.vehicles import bicycle, bus, motorcycle, truck
+from urban_street.vehicles.bodies import CARS
 from urban_street.vehicles.cars import build_body, build_wheels
 from urban_street.vehicles.content import Polygon, RawPart, VehicleContent, VehiclePart, footprint_of
-from urban_street.vehicles.bodies import CARS
 from urban_street.vehicles.designs import HATCHBACK
 from urban_street.vehicles.details import PLATES
 from urban_street.vehicles.index import read_index
 from urban_street.vehicles.materials import common_materials, paint, plates
-from urban_street.vehicles.paints import FREQUENCIES, PAINTS, Color
+from urban_street.vehicles.paints import ALL_PAINTS, FREQUENCIES, PAINTS, Color
 from valerie.errors import InvalidInput, UnknownName
 from valerie.scene.graph.deferred import DeferredMesh
 from valerie.scene.graph.model import Material, Mesh, freeze
@@ -49,7 +49,7 @@ def build_vehicle(
     Args:
         kind: one of `KINDS`.
         seed: determines rim, number plate and, without ``colour``, paint; 0 is a valid seed.
-        colour: a name of `PAINTS`, a linear RGB reflectance in [0, 1], or None.
+        colour: a name of `ALL_PAINTS`, a linear RGB reflectance in [0, 1], or None.
         fine: False for a car seen from more than about 40 m, with a third of the triangles.
         lights: brightness of the lamps, 0 off … 1 full.
 
@@ -148,8 +148,7 @@ def dimensions(kind: str) -> tuple[float, float, float]:
         UnknownName: no such kind.
     """
     if kind in CARS:
-        design = CARS[kind]
-        return design.length, design.width, design.height
+        return CARS[kind].size
     if kind not in _SIZES:
         raise UnknownName("kind of vehicle", kind, KINDS)
     return _SIZES[kind]
@@ -180,9 +179,11 @@ def _wheels(kind: str, rim: str, fine: bool) -> tuple[VehiclePart, ...]:
 
 def _paint(colour: str | Color) -> Material:
     if isinstance(colour, str):
-        if colour not in PAINTS:
-            raise UnknownName("paint", colour, PAINTS)
-        return paint(f"{PAINT_PREFIX}{colour}", PAINTS[colour].base_color, PAINTS[colour].metallic)
+        if colour not in ALL_PAINTS:
+            raise UnknownName("paint", colour, ALL_PAINTS)
+        chosen = ALL_PAINTS[colour]
+        coat = paint(f"{PAINT_PREFIX}{colour}", chosen.base_color, chosen.metallic)
+        return replace(coat, roughness=chosen.roughness)
     if not all(0.0 <= value <= 1.0 for value in colour):
         raise InvalidInput("colour out of range", field="colour", value=colour, limit="0…1")
     tag = "-".join(f"{round(10_000 * value):05d}" for value in colour)

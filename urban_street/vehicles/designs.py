@@ -15,7 +15,7 @@ class CarDesign:
     """One body. Metres; y from the middle of the length to the front, z from the road.
 
     Attributes:
-        length, width, height: overall size without mirrors.
+        length, width, height: size without mirrors, extras and box.
         front_axle, rear_axle: y of the wheel centres.
         tyre: outer radius of the wheels.
         arch: radius of the wheel arches.
@@ -53,6 +53,7 @@ class CarDesign:
         fin: whether there is an aerial like a fin on the roof.
         livery: coloured fields on the flanks: (material, y from, y to, rail from, rail to).
         extras: names of `urban_street.vehicles.extras.EXTRAS`.
+        beyond: by how much extras, or a box, lengthen each end and heighten the whole, metres.
     """
 
     name: str
@@ -103,6 +104,13 @@ class CarDesign:
     fin: bool = True
     livery: tuple[tuple[str, float, float, float, float], ...] = ()
     extras: tuple[str, ...] = ()
+    beyond: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Return overall length, width (without mirrors) and height."""
+        wide = max(self.width, self.box[2])
+        return self.length + 2.0 * self.beyond[0], wide, self.height + self.beyond[1]
 
     @property
     def early(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from urban_street.solids.rounded import bar, pillow, renormalled, rod, turned
+from urban_street.solids.rounded import bar, pillow, renormalled, rod, rounded_outline, turned
 from urban_street.solids.surfaces import Bag, boxes, lathe, sheet
 from urban_street.vehicles.shell import Shell, roof_place
 
@@ -47,10 +47,17 @@ def _roof_rack(bag: Bag, shell: Shell) -> None:
     corners = [(-wide, y - reach), (wide, y - reach), (wide, y + reach), (-wide, y + reach), (-wide, y - reach)]
     for z in (top, top + 0.08):
         bag.add("vehicle-plastic", rod([(a, b, z) for a, b in corners], 0.014, 6))
-    posts = [rod([(a, b, top), (a, b, top + 0.08)], 0.011, 5) for a in (-wide, wide) for b in np.linspace(y - reach, y + reach, 6)]
+    posts = [
+        rod([(a, b, top), (a, b, top + 0.08)], 0.011, 5)
+        for a in (-wide, wide)
+        for b in np.linspace(y - reach, y + reach, 6)
+    ]
     bag.add("vehicle-plastic", *posts)
     slats = np.linspace(-wide + 0.12, wide - 0.12, 6)
-    bag.add("vehicle-plastic", boxes([[a - 0.03, y - reach, top - 0.006] for a in slats], [[a + 0.03, y + reach, top + 0.006] for a in slats]))
+    bag.add(
+        "vehicle-plastic",
+        boxes([[a - 0.03, y - reach, top - 0.006] for a in slats], [[a + 0.03, y + reach, top + 0.006] for a in slats]),
+    )
 
 
 def _light_bar(bag: Bag, shell: Shell) -> None:
@@ -87,7 +94,9 @@ def _spoiler(bag: Bag, shell: Shell) -> None:
     """Add an edge that prolongs the roof above the rear window."""
     places = np.linspace(-0.80, 0.80, 17)
     edge = shell.roof_edge(np.abs(places)) * np.column_stack([np.sign(places), np.ones(17), np.ones(17)])
-    profile = np.array([(0.16, -0.035), (0.16, -0.002), (0.0, 0.006), (-0.14, 0.004), (-0.15, -0.006), (-0.12, -0.018), (0.02, -0.045)])
+    profile = np.array(
+        [(0.16, -0.035), (0.16, -0.002), (0.0, 0.006), (-0.14, 0.004), (-0.15, -0.006), (-0.12, -0.018), (0.02, -0.045)]
+    )
     taper = 1.0 - 0.45 * np.abs(places / 0.80) ** 3
     points = edge[:, None] + np.concatenate([np.zeros((17, 7, 1)), profile[None] * taper[:, None, None]], axis=2)
     bag.add("paint", renormalled(sheet(np.swapaxes(points, 0, 1), closed=True)))
@@ -111,11 +120,28 @@ def _spare_wheel(bag: Bag, shell: Shell) -> None:
     d = shell.design
     radius = 0.94 * d.tyre
     at = shell.ring.points(np.array([[0.0, float(shell.height_of(6.3))]]))[0]
-    cover = [(0.0, 0.20), (0.62 * radius, 0.20), (0.90 * radius, 0.185), (radius, 0.13), (radius, 0.0), (0.0, -0.02)][::-1]
+    cover = [(0.0, 0.20), (0.62 * radius, 0.20), (0.90 * radius, 0.185), (radius, 0.13), (radius, 0.0), (0.0, -0.02)][
+        ::-1
+    ]
     turn = turned(0, 90.0, (0.10, at[1], at[2] - 0.06))
     bag.add("vehicle-tyre", lathe(cover[1:3], 28).moved(turn))
     bag.add("paint", lathe(cover[3:], 28).moved(turn))
     bag.add("vehicle-plastic", lathe([cover[2], cover[3]], 28).moved(turn))
+
+
+def _bull_bar(bag: Bag, shell: Shell) -> None:
+    """Add a bumper with a winch and a bar before the grille."""
+    d = shell.design
+    y = 0.5 * d.length + 0.09
+    low = float(np.interp(y, *np.array(d.sill).T))
+    half = 0.5 * d.width - 0.22
+    bumper = bar(rounded_outline(0.085, 0.10, 0.03) + [y, low + 0.10], -half, half)
+    bag.add("vehicle-plastic", bumper)
+    hoop = [(-0.42, y, low + 0.18), (-0.40, y + 0.01, low + 0.56), (0.40, y + 0.01, low + 0.56), (0.42, y, low + 0.18)]
+    bag.add("vehicle-plastic", rod(hoop, 0.026, 10))
+    for x in (-0.62, 0.62):
+        bag.add("vehicle-lamp-clear", pillow((0.055, 0.02, 0.055), squareness=0.9, sides=14, levels=5).moved(
+            turned(0, 0.0, (x, y + 0.07, low + 0.11))))  # fmt: skip
 
 
 def _steps(bag: Bag, shell: Shell) -> None:
@@ -139,7 +165,10 @@ def _chrome_bumpers(bag: Bag, shell: Shell) -> None:
         bag.add("vehicle-chrome", *(rod(line + [0.0, 0.0, up], 0.030, 10, caps=True) for up in (-0.022, 0.022)))
         for x in (-0.30, 0.30):
             y = float(np.interp(abs(x), right[:, 0], right[:, 1]))
-            bag.add("vehicle-chrome", pillow((0.030, 0.045, 0.085), squareness=0.8, sides=14, levels=9).moved(turned(0, 0.0, (x, y, z))))
+            bag.add(
+                "vehicle-chrome",
+                pillow((0.030, 0.045, 0.085), squareness=0.8, sides=14, levels=9).moved(turned(0, 0.0, (x, y, z))),
+            )
 
 
 #: Adds an extra to the body.
@@ -152,6 +181,7 @@ EXTRAS: Final[dict[str, Callable[[Bag, Shell], None]]] = {
     "spoiler": _spoiler,
     "wing": _wing,
     "spare-wheel": _spare_wheel,
+    "bull-bar": _bull_bar,
     "steps": _steps,
     "chrome-bumpers": _chrome_bumpers,
 }

@@ -38,7 +38,9 @@ def read_index() -> dict[str, IndexEntry]:
     """Return the entries by kind."""
     return {
         kind: IndexEntry(
-            tuple(IndexedPart(name, _place(origin), moves, tuple(used)) for name, origin, moves, used in entry["parts"]),
+            tuple(
+                IndexedPart(name, _place(origin), moves, tuple(used)) for name, origin, moves, used in entry["parts"]
+            ),
             {material: tuple(map(_place, places)) for material, places in entry["lenses"].items()},
         )
         for kind, entry in json.loads(FILE.read_text()).items()

@@ -74,7 +74,9 @@ def add_interior(bag: Bag, shell: Shell) -> None:
         y, z = float(glass[1]) - 0.07, float(glass[2])
     bag.add(
         "vehicle-interior",
-        pillow((0.115, 0.018, 0.032), sides=12 if fine else 8, levels=5 if fine else 3).moved(turned(0, 0.0, (0.0, y, z))),
+        pillow((0.115, 0.018, 0.032), sides=12 if fine else 8, levels=5 if fine else 3).moved(
+            turned(0, 0.0, (0.0, y, z))
+        ),
     )
 
 

@@ -206,7 +206,9 @@ class Panels:
         at, height = self.shell.outline.at_y, self.shell.height_of
         fields = []
         for material, y0, y1, low, high in self.design.livery:
-            fields.append((material, shapely.box(float(at(y0)), float(height(low)), float(at(y1)), float(height(high)))))
+            fields.append(
+                (material, shapely.box(float(at(y0)), float(height(low)), float(at(y1)), float(height(high))))
+            )
         return fields
 
     def _door(self, name: str, region: BaseGeometry, plastic: BaseGeometry) -> None:

@@ -15,8 +15,8 @@ from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.details import convex_mirror, facing, number_plate
 from urban_street.vehicles.hull import Hull, both_sides
 from urban_street.vehicles.interior import add_seat
-from urban_street.vehicles.truck_cab import equip_cab
 from urban_street.vehicles.skin import cut, mirrored_bag, reversed_
+from urban_street.vehicles.truck_cab import equip_cab
 from urban_street.vehicles.wheels import WheelSize
 
 LENGTH: Final = 7.40
@@ -145,7 +145,10 @@ def _mirrors(hull: Hull, *, convex: bool) -> Bag:
             pillow((0.10, 0.05, high), squareness=0.4, sides=14, levels=7).moved(turned(0, 0.0, head)),
         )
         if convex:
-            bag.add("vehicle-mirror", convex_mirror((0.084, 0.006, high - 0.022)).moved(turned(2, 6.0, head - [0.0, 0.049, 0.0])))
+            bag.add(
+                "vehicle-mirror",
+                convex_mirror((0.084, 0.006, high - 0.022)).moved(turned(2, 6.0, head - [0.0, 0.049, 0.0])),
+            )
         else:
             bag.add("vehicle-mirror", boxes([head - [0.08, 0.054, high - 0.03]], [head + [0.08, -0.050, high - 0.03]]))
     foot = hull.half - 0.03
@@ -217,13 +220,18 @@ def _flat_bed(body: Bag) -> None:
     y0, y1 = _BOX
     half, floor = 0.5 * WIDTH - 0.01, 1.14
     body.add("vehicle-satin", boxes([[-half, y0, 1.02]], [[half, y1, floor]]))
-    sides = [((x, y0), (x + 0.03, y1)) for x in (-half, half - 0.03)] + [((-half, y), (half, y + 0.03)) for y in (y0, y1 - 0.03)]
+    sides = [((x, y0), (x + 0.03, y1)) for x in (-half, half - 0.03)] + [
+        ((-half, y), (half, y + 0.03)) for y in (y0, y1 - 0.03)
+    ]
     body.add("vehicle-satin", boxes([[*low, floor] for low, _ in sides], [[*high, floor + 0.40] for _, high in sides]))
     ribs = np.arange(y0 + 0.02, y1, 0.9)
     posts = [[x, y, floor - 0.04] for y in ribs for x in (-half - 0.012, half - 0.02)]
     body.add("vehicle-steel", boxes(posts, np.array(posts) + [0.032, 0.07, 0.46]))
     body.add("paint", boxes([[-half, y1 - 0.05, floor]], [[half, y1, 2.30]]))
-    body.add("vehicle-steel", *(rod([(x, y1 - 0.08, floor), (x, y1 - 0.08, 2.40)], 0.03, 8, caps=True) for x in (-1.0, 0.0, 1.0)))
+    body.add(
+        "vehicle-steel",
+        *(rod([(x, y1 - 0.08, floor), (x, y1 - 0.08, 2.40)], 0.03, 8, caps=True) for x in (-1.0, 0.0, 1.0)),
+    )
     body.add("vehicle-steel", rod([(-1.0, y1 - 0.08, 2.40), (1.0, y1 - 0.08, 2.40)], 0.03, 8, caps=True))
     heights = (1.05, 0.72, 0.90)
     for k, high in enumerate(heights):
@@ -231,7 +239,14 @@ def _flat_bed(body: Bag) -> None:
         body.add("vehicle-wood", boxes([[-1.0, y - 0.6, floor]], [[1.0, y + 0.6, floor + 0.14]]))
         sheet_over = pillow((0.98, 0.58, 0.5 * high), squareness=0.16, sides=24, levels=9)
         body.add("vehicle-sheet", sheet_over.moved(turned(0, 0.0, (0.0, y, floor + 0.14 + 0.5 * high))))
-        straps = [bar(rounded_outline(0.03, 0.5 * high + 0.006, 0.002, steps=1) + [y + a, floor + 0.14 + 0.5 * high], -0.99, 0.99) for a in (-0.28, 0.28)]
+        straps = [
+            bar(
+                rounded_outline(0.03, 0.5 * high + 0.006, 0.002, steps=1) + [y + a, floor + 0.14 + 0.5 * high],
+                -0.99,
+                0.99,
+            )
+            for a in (-0.28, 0.28)
+        ]
         body.add("vehicle-amber", *straps)
 
 
