@@ -229,7 +229,7 @@ _MPV: Final = replace(
         (2.35, 0.71)), cowl=1.60, pillar_base=1.26, pillar_top=0.30, roof_front=0.46, roof_rear=-1.98, rear_top=-1.90,
     glass_tail=-2.24, rear_base=-2.10, rail=(0.68, 1.58), posts=((-0.02, -0.10), (-1.08, -1.12)), doors=(1.24, 0.04, -1.10),
     quarter=(-1.90, -1.72), tail_lamp=_TALL_TAIL, bars=(4, 4), rims=("ten", "five", "star"),
-    head=((0.54, 5.5), (0.98, 5.9), (1.42, 7.3), (1.44, 7.0), (1.12, 5.6), (0.70, 5.2)),
+    head=((0.54, 5.1), (0.98, 5.7), (1.40, 7.5), (1.42, 6.6), (1.10, 4.9), (0.70, 4.6)),
 )  # fmt: skip
 
 _LEISURE_VAN: Final = replace(
@@ -264,7 +264,7 @@ _HIGH_ROOF_VAN: Final = replace(
     roof_front=1.16, roof_rear=-2.62, rear_top=-2.56, glass_tail=-2.70, rear_base=-2.62, rail=(0.80, 2.44),
     posts=((0.80, 0.74), (-0.74, -0.76)), doors=(1.92, 0.84, -0.76), quarter=(-2.1, -2.1), bars=(4, 4),
     rims=("steel", "cover"), rim_share=0.62, tail_lamp=_TALL_TAIL, grille=((0.0, 5.0), (0.62, 5.1), (0.62, 6.3), (0.0, 6.4)),
-    extras=("roof-beacon",), livery=(("vehicle-plastic", -2.6, 2.3, 2.9, 3.4),), plate=(3.0, 5.3),
+    extras=("roof-beacon",), livery=(("vehicle-plastic", -2.6, 2.3, 2.9, 3.4),), plate=(3.0, 5.3), glass_top=0.68,
 )  # fmt: skip
 
 _AMBULANCE: Final = replace(
@@ -288,7 +288,8 @@ _PICK_UP: Final = replace(
 _CAB: Final = replace(
     _HIGH_ROOF_VAN, height=2.16, length=5.60, rail=(0.80, 2.06), front_axle=1.80, rear_axle=-1.56, roof_rear=0.66,
     rear_top=0.68, glass_tail=0.56, rear_base=0.60, posts=((0.80, 0.80), (0.72, 0.74)), doors=(1.92, 0.84, 0.70),
-    quarter=(0.66, 0.70), pillar_top=1.20, roof_front=1.34, two_doors=True, back="box", extras=(), livery=(), fin=False,
+    quarter=(0.66, 0.70), pillar_top=1.20, roof_front=1.34, two_doors=True, back="box", extras=(), livery=(), glass_top=1.0,
+    fin=False,
 )  # fmt: skip
 
 _BOX_VAN: Final = replace(
@@ -317,7 +318,7 @@ _TAXI: Final = replace(
     _MPV, name="taxi", length=4.56, height=1.74, rail=(0.69, 1.63), extras=("taxi-sign",), beyond=(0.0, 0.12),
     rims=("cover", "steel"), roof_rear=-1.90, rear_top=-1.84, glass_tail=-2.16, rear_base=-2.04, quarter=(-1.86, -1.72),
     cowl=1.36, pillar_base=1.10, sections=_upright(HATCHBACK.sections, 0.75), bars=(-13, 3),
-    head=_disc(0.78, 0.76, 0.100, half=0.93, tall=0.52),
+    head=_disc(0.70, 0.76, 0.100, half=0.93, tall=0.52),
     belt=((-2.28, 1.07), (-0.8, 1.04), (0.4, 1.02), (0.9, 1.01), (1.4, 0.985), (1.85, 0.93), (2.1, 0.87), (2.28, 0.76)),
     sill=((-2.28, 0.30), (-2.0, 0.25), (-1.0, 0.20), (1.2, 0.20), (1.95, 0.21), (2.28, 0.23)), roof_rails=False,
     grille=((0.0, 3.4), (0.36, 3.6), (0.34, 6.0), (0.0, 6.2)), nose_plan=_BLUNT_NOSE, projectors=((0.5, 0.066),),

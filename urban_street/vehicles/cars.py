@@ -11,10 +11,11 @@ from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.details import add_details, add_side_details
 from urban_street.vehicles.extras import EXTRAS
 from urban_street.vehicles.interior import add_interior
-from urban_street.vehicles.panels import BODY, FRONT_DOOR, REAR_DOOR, Panels
+from urban_street.vehicles.panels import Panels
 from urban_street.vehicles.shell import Shell
 from urban_street.vehicles.skin import mirrored_bag
 from urban_street.vehicles.wheels import WheelSize, build_wheel
+from urban_street.vehicles.windows import BODY, FRONT_DOOR, REAR_DOOR
 
 
 def build_body(design: CarDesign, *, fine: bool = True) -> list[RawPart]:

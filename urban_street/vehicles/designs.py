@@ -41,6 +41,7 @@ class CarDesign:
         roof_rails: whether there are bars along the roof.
         cladding: whether lower edge and arches are unpainted.
         panel_van: whether there are no side windows behind the front doors.
+        glass_top: upper edges of all panes, by the usual share of the way from belt to roof.
         two_doors: whether there are no rear doors.
         back: what is behind the doors: ``closed``; ``open``, a cabin without a roof; ``bed``, a pick-up's; ``box``, a body of
             its own (`box`).
@@ -92,6 +93,7 @@ class CarDesign:
     roof_rails: bool = False
     cladding: bool = False
     panel_van: bool = False
+    glass_top: float = 1.0
     two_doors: bool = False
     back: Literal["closed", "open", "bed", "box"] = "closed"
     box: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -6,8 +6,9 @@ import numpy as np
 
 from urban_street.solids.rounded import pillow, rod, turned
 from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, fan, merge, quads, sheet, unit
-from urban_street.vehicles.panels import BODY, FRONT_DOOR, REAR_DOOR, Half
+from urban_street.vehicles.panels import Half
 from urban_street.vehicles.shell import HOUSE, Shell, roof_place
+from urban_street.vehicles.windows import BODY, FRONT_DOOR, REAR_DOOR
 
 PLATES = 8
 

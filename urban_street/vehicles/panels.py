@@ -14,14 +14,13 @@ from urban_street.solids.surfaces import Bag, Floats, Surface, lathe, merge
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.shell import DECK, HOUSE, Shell, rounded, shrunk
 from urban_street.vehicles.skin import Master, Patch, cut, flange, reversed_
+from urban_street.vehicles.windows import BODY, FRONT_DOOR, REAR_DOOR, Windows
 
 #: Half the width and the depth of a gap between panels, metres.
 _GAP = 0.0035
 _DEPTH = 0.018
 #: Thickness of a door, metres.
 _DOOR = 0.065
-
-BODY, FRONT_DOOR, REAR_DOOR = "body", "front-door", "rear-door"
 
 
 @dataclass(slots=True)
@@ -345,96 +344,12 @@ class Panels:
 
     # -- glass house --------------------------------------------------------------------------------------------------
 
-    def _side_strip(
-        self, front: tuple[float, float], rear: tuple[float, float], low: float, high: float
-    ) -> BaseGeometry:
-        """Return the strip of the house between lines (place at the belt, at the roof), from ``low`` to ``high`` (shares)."""
-        f0, f1 = front
-        r0, r1 = rear
-        h = np.array([low, high])
-        corners = [
-            (r0 + (r1 - r0) * h[0], h[0]),
-            (f0 + (f1 - f0) * h[0], h[0]),
-            (f0 + (f1 - f0) * h[1], h[1]),
-            (r0 + (r1 - r0) * h[1], h[1]),
-        ]
-        return shapely.Polygon([(a, HOUSE * b) for a, b in corners])
-
-    def _posts(self) -> tuple[float, float, float, float]:
-        """Return the places of the front pillar, the two posts between the side windows, and the glass's rear end."""
-        at, d = self.shell.house_side, self.design
-        pillar = float(self.shell.house_a(2.0)) - 0.055
-        return pillar, float(at(d.posts[0][0])), float(at(d.posts[1][0])), float(at(d.quarter[0]))
-
-    def _panes(self) -> dict[str, list[BaseGeometry]]:
-        """Return the daylight openings by part."""
-        shell, d = self.shell, self.design
-        frame, length = shell.house.domain, shell.house_length
-        pillar, post, second, quarter = self._posts()
-        low, high = 0.055, 0.86
-        margin, top = (0.085, 0.86) if d.hatch else (0.07, 0.95)
-        windscreen = shapely.box(float(shell.house_a(2.0)) + 0.055, 0.045 * HOUSE, length, 0.955 * HOUSE)
-        rear = shapely.box(0.0, 0.07 * HOUSE, float(shell.house_a(1.0)) - margin, top * HOUSE)
-        first = self._side_strip((pillar - 0.10, pillar - 0.012), (post + 0.045, post + 0.045), low, high)
-        panes: dict[str, list[BaseGeometry]] = {
-            BODY: [rounded(windscreen, 0.05, frame)],
-            FRONT_DOOR: [rounded(first, 0.025, frame)],
-            REAR_DOOR: [],
-        }
-        if d.back == "open":
-            return {BODY: panes[BODY]}
-        if d.back != "box":
-            panes[BODY].append(rounded(rear, 0.06, frame))
-        if d.panel_van:
-            return panes
-        ends = (quarter - 0.10, quarter + 0.10)
-        if self._has_quarter:
-            last = self._side_strip((second - 0.035, second - 0.035), ends, low, high)
-            panes[BODY].append(rounded(last, 0.03, frame))
-            ends = (second + 0.02, second + 0.02)
-        middle = self._side_strip((post - 0.045, post - 0.045), ends, low, high)
-        panes[BODY if d.two_doors else REAR_DOOR].append(rounded(middle, 0.025, frame))
-        return panes
-
-    @property
-    def _has_quarter(self) -> bool:
-        """Return True if there is a third side window behind the doors."""
-        _, _, second, quarter = self._posts()
-        return not self.design.panel_van and second - quarter > 0.22
-
-    def _door_frames(self) -> dict[str, BaseGeometry]:
-        """Return the parts of the doors on the glass house."""
-        pillar, post, second, quarter = self._posts()
-        fixed = self._has_quarter or self.design.panel_van
-        ends = (second - 0.02, second - 0.02) if fixed else (quarter - 0.10, quarter + 0.03)
-        strips = {
-            FRONT_DOOR: self._side_strip((pillar, pillar + 0.055), (post, post), -0.1, 0.955),
-            REAR_DOOR: self._side_strip((post, post), ends, -0.1, 0.955),
-        }
-        if self.design.back == "open":
-            strips = {}
-        elif self.design.two_doors:
-            del strips[REAR_DOOR]
-        return {name: strip.intersection(self.shell.house.domain) for name, strip in strips.items()}
-
-    def _blackened(self, panes: list[BaseGeometry]) -> BaseGeometry:
-        """Return posts, mirror triangle and seals around the panes."""
-        pillar, post, second, _ = self._posts()
-        pieces = [pane.buffer(0.013, quad_segs=4) for pane in panes]
-        if self.design.back == "open":
-            return shapely.union_all(pieces)
-        pieces.append(self._side_strip((pillar, pillar), (pillar - 0.13, pillar - 0.13), 0.035, 0.40))
-        if not self.design.panel_van:
-            pieces.append(self._side_strip((post + 0.06, post + 0.06), (post - 0.06, post - 0.06), 0.035, 0.88))
-        if self._has_quarter:
-            pieces.append(self._side_strip((second + 0.03, second + 0.03), (second - 0.05, second - 0.05), 0.035, 0.88))
-        return shapely.union_all(pieces)
-
     def _house(self) -> None:
-        house, panes = self.shell.house, self._panes()
+        house, windows = self.shell.house, Windows(self.shell)
+        panes = windows.panes()
         every_pane = [pane for group in panes.values() for pane in group]
-        blank, black = shapely.union_all(every_pane), self._blackened(every_pane)
-        doors = self._door_frames()
+        blank, black = shapely.union_all(every_pane), windows.blackened(every_pane)
+        doors = windows.door_frames()
         openings = shapely.union_all(list(doors.values()))
         shapes = {name: shrunk(door, _GAP, house.domain) for name, door in doors.items()}
         shapes[BODY] = house.domain.difference(openings.buffer(_GAP))
