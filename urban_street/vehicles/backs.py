@@ -101,11 +101,17 @@ def _cargo_box(bag: Bag, box: Sequence[float]) -> None:
     ends = np.array([(np.minimum(p, q), np.maximum(p, q)) for p, q in pairs])
     limits = np.array([[-half - 0.006, y0 - 0.006, low - 0.02], [half + 0.006, y1 + 0.006, high + 0.01]])
     bag.add("vehicle-satin", boxes(np.maximum(ends[:, 0] - 0.03, limits[0]), np.minimum(ends[:, 1] + 0.03, limits[1])))
-    bands = [[x, y0 + 0.14, low + 0.55] for x in (-half - 0.003, half - 0.01)]
-    bag.add("paint", boxes(bands, [[x + 0.013, y1 - 0.14, low + 1.0] for x, _, _ in bands]))
+    _stripe(bag, half + 0.003, (y0 + 0.14, y1 - 0.14), (low + 0.55, low + 1.0))
     bag.add("vehicle-gap", boxes([[-0.006, y0 - 0.003, low + 0.04]], [[0.006, y0 + 0.02, high - 0.04]]))
     bars = [rod([(x, y0 - 0.022, low + 0.04), (x, y0 - 0.022, high - 0.04)], 0.014, 6) for x in (-0.40, 0.40)]
     bag.add("vehicle-satin", *bars)
+
+
+def _stripe(bag: Bag, x: float, along: tuple[float, float], high: tuple[float, float]) -> None:
+    """Add a stripe in the paint's colour to both sides, at ``x`` from the middle."""
+    (y0, y1), (z0, z1) = along, high
+    right = [(x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1)]
+    bag.add("paint", quads([right, [(-x, y, z) for _, y, z in right[::-1]]]))
 
 
 def _living_quarters(bag: Bag, shell: Shell) -> None:
@@ -122,9 +128,6 @@ def _living_quarters(bag: Bag, shell: Shell) -> None:
         x0, x1 = sorted((side * half, side * (half - 0.04)))
         spans = ((y0, d.rear_axle - gap), (d.rear_axle + gap, y1))
         bag.add("vehicle-satin", boxes([[x0, a, 0.40] for a, _ in spans], [[x1, b, low] for _, b in spans]))
-        out = side * (half + 0.004)
-        x0, x1 = sorted((out, side * (half - 0.02)))
-        bag.add("paint", boxes([[x0, y0 + 0.12, low + 0.16]], [[x1, y1 - 0.05, low + 0.34]]))
         panes = ((y0 + 0.35, y0 + 1.15), (y0 + 1.75, y0 + 2.35))
         out = side * (half + 0.016)
         x0, x1 = sorted((out, side * (half - 0.02)))
@@ -132,6 +135,7 @@ def _living_quarters(bag: Bag, shell: Shell) -> None:
             "vehicle-black-gloss",
             boxes([[x0, a, low + 0.68] for a, _ in panes], [[x1, b, low + 1.22] for _, b in panes]),
         )
+    _stripe(bag, half + 0.004, (y0 + 0.12, y1 - 0.05), (low + 0.16, low + 0.34))
     door = np.array([[y1 - 0.88, low - 0.30], [y1 - 0.26, high - 0.34]])
     frame = [(half + 0.006, *door[0]), (half + 0.006, door[1, 0], door[0, 1]), (half + 0.006, *door[1]),
              (half + 0.006, door[0, 0], door[1, 1]), (half + 0.006, *door[0])]  # fmt: skip
@@ -139,7 +143,7 @@ def _living_quarters(bag: Bag, shell: Shell) -> None:
     bag.add("vehicle-black-gloss", boxes([[half, y1 - 0.74, low + 0.72]], [[half + 0.014, y1 - 0.40, low + 1.20]]))
     bag.add(
         "vehicle-satin",
-        rod([(half + 0.05, y0 + 0.2, high - 0.10), (half + 0.05, y1 - 0.2, high - 0.10)], 0.055, 10, caps=True),
+        rod([(half - 0.035, y0 + 0.2, high - 0.10), (half - 0.035, y1 - 0.2, high - 0.10)], 0.055, 10, caps=True),
     )
     bag.add("vehicle-black-gloss", boxes([[-0.55, y0 - 0.014, low + 0.72]], [[0.55, y0 + 0.02, low + 1.24]]))
     ladder = [

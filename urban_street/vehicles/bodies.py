@@ -21,8 +21,8 @@ from urban_street.vehicles.designs import (
 )
 
 _ROUND_NOSE: Final = ((0.0, 0.0), (0.36, 0.05), (0.62, 0.16), (0.82, 0.36), (0.94, 0.70), (0.98, 1.10))
-_BLUNT_NOSE: Final = ((0.0, 0.0), (0.50, 0.02), (0.78, 0.06), (0.92, 0.16), (0.965, 0.40), (0.985, 0.90))
-_BLUNT_TAIL: Final = ((0.0, 0.0), (0.55, 0.006), (0.86, 0.025), (0.955, 0.10), (0.985, 0.30), (1.0, 0.9))
+_BLUNT_NOSE: Final = ((0.0, 0.0), (0.50, 0.02), (0.78, 0.06), (0.92, 0.16), (0.960, 0.40), (0.976, 0.90))
+_BLUNT_TAIL: Final = ((0.0, 0.0), (0.55, 0.006), (0.86, 0.025), (0.955, 0.10), (0.980, 0.30), (0.988, 0.9))
 _ROUND_TAIL: Final = ((0.0, 0.0), (0.44, 0.04), (0.70, 0.13), (0.87, 0.30), (0.955, 0.62), (1.0, 1.30))
 
 
@@ -129,7 +129,7 @@ _CONVERTIBLE: Final = replace(
     arch=0.362, sill=((-2.18, 0.29), (-1.9, 0.235), (-0.95, 0.19), (1.1, 0.185), (1.85, 0.19), (2.18, 0.195)),
     belt=((-2.18, 0.95), (-1.95, 0.965), (-1.5, 0.955), (-0.8, 0.925), (0.4, 0.905), (0.95, 0.89), (1.4, 0.85),
         (1.8, 0.795), (2.02, 0.74), (2.18, 0.68)), cowl=1.02, pillar_base=0.76, pillar_top=0.16, roof_front=0.32,
-    roof_rear=-0.9, rear_top=-0.86, glass_tail=-1.34, rear_base=-1.20, rail=(0.60, 1.285),
+    roof_rear=-0.9, rear_top=-0.86, glass_tail=-1.34, rear_base=-1.20, rail=(0.60, 1.336),
     posts=((-0.36, -0.40), (-1.0, -0.80)), doors=(0.92, -0.40, -1.0), quarter=(-1.1, -0.82), back="open", fin=False,
     bars=(4, 4), rims=("five", "mesh"), tail_lamp=SEDAN.tail_lamp, plate=(3.6, 5.2), boot_crown=0.06, head=HATCHBACK.head,
     extras=(),
@@ -213,6 +213,7 @@ _OFF_ROADER: Final = replace(
     _LARGE_SUV, name="off-roader", length=4.32, width=1.84, height=1.90, front_axle=1.34, rear_axle=-1.24, tyre=0.390,
     arch=0.440, sill=((-2.16, 0.46), (-1.9, 0.40), (-1.0, 0.36), (1.1, 0.36), (1.9, 0.40), (2.16, 0.44)),
     belt=((-2.16, 1.22), (-1.6, 1.22), (0.5, 1.20), (1.0, 1.19), (1.5, 1.175), (1.9, 1.15), (2.05, 1.12), (2.16, 1.07)),
+    nose_plan=(*_BLUNT_NOSE[:-1], (0.955, 0.62)), tail_plan=(*_BLUNT_TAIL[:-1], (0.978, 0.6)),
     sections=_upright(HATCHBACK.sections, 0.35), cowl=0.86, pillar_base=0.76, pillar_top=0.50, roof_front=0.60,
     roof_rear=-2.00, rear_top=-1.94, glass_tail=-2.08, rear_base=-1.98, rail=(0.74, 1.82), bonnet_crown=0.03,
     posts=((-0.16, -0.18), (-0.98, -1.0)), doors=(0.80, -0.10, -1.00), quarter=(-1.80, -1.72),
@@ -251,13 +252,15 @@ _CITY_VAN: Final = replace(
 )  # fmt: skip
 
 _MINIBUS: Final = replace(
-    VAN, name="minibus", panel_van=False, height=1.97, rail=(0.79, 1.85), sections=_upright(HATCHBACK.sections, 0.7),
-    posts=((0.62, 0.56), (-0.62, -0.64)), doors=(1.66, 0.68, -0.64), quarter=(-2.12, -2.08), bars=(4, 3),
-    rims=("five", "cover", "ten"), roof_rails=True, grille=((0.0, 5.0), (0.56, 5.1), (0.58, 6.4), (0.0, 6.4)),
+    VAN, name="minibus", tail_plan=(*_BLUNT_TAIL[:-1], (0.98, 0.9)), panel_van=False, height=1.97, rail=(0.79, 1.85),
+    sections=_upright(HATCHBACK.sections, 0.7), posts=((0.62, 0.56), (-0.62, -0.64)), doors=(1.66, 0.68, -0.64),
+    quarter=(-2.12, -2.08), bars=(4, 3), rims=("five", "cover", "ten"), roof_rails=True,
+    grille=((0.0, 5.0), (0.56, 5.1), (0.58, 6.4), (0.0, 6.4)),
 )  # fmt: skip
 
 _HIGH_ROOF_VAN: Final = replace(
-    VAN, name="high-roof-van", length=5.56, width=2.02, height=2.58, front_axle=1.78, rear_axle=-1.62, tyre=0.348, arch=0.40,
+    VAN, name="high-roof-van", tail_plan=(*_BLUNT_TAIL[:-1], (0.978, 0.9)), length=5.56, width=2.02, height=2.58,
+    front_axle=1.78, rear_axle=-1.62, tyre=0.348, arch=0.40,
     sill=((-2.78, 0.40), (-2.4, 0.35), (-1.0, 0.30), (1.4, 0.30), (2.4, 0.29), (2.78, 0.30)),
     belt=((-2.78, 1.26), (1.1, 1.26), (1.75, 1.24), (2.1, 1.19), (2.4, 1.10), (2.6, 1.02), (2.78, 0.92)),
     nose_plan=_BLUNT_NOSE, sections=_upright(HATCHBACK.sections, 0.6), cowl=2.12, pillar_base=1.88, pillar_top=1.04,

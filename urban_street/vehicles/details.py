@@ -62,7 +62,9 @@ def convex_mirror(half: tuple[float, float, float]) -> Surface:
     """Build the glass of an outside mirror around the origin, facing −y; it is bent as UN Regulation 46 demands (1.2 m)."""
     glass = pillow(half, squareness=0.4, sides=16, levels=5)
     across, _, up = glass.positions.T / 1.2
-    return Surface(glass.positions, unit(np.column_stack([across, np.full(len(up), -1.0), up])), glass.uvs, glass.faces)
+    bent = unit(np.column_stack([across, np.full(len(up), -1.0), up]))
+    face = glass.normals[:, 1] < -0.3
+    return Surface(glass.positions, np.where(face[:, None], bent, glass.normals), glass.uvs, glass.faces)
 
 
 def _handle(bag: Bag, shell: Shell, y: float) -> None:
@@ -152,7 +154,7 @@ def _shark_fin(bag: Bag, shell: Shell) -> None:
     shape[:, 1] -= 0.8 * np.maximum(shape[:, 2], 0.0)
     place = np.array([0.0, d.roof_rear + 0.30, d.height - 0.028])
     if not d.early:
-        place = roof_place(shell, 0.0, float(place[1]))
+        place = roof_place(shell, 0.0, float(place[1])) - [0.0, 0.0, 0.014]
     bag.add("paint", Surface(shape, fin.normals, fin.uvs, fin.faces).moved(turned(0, 0.0, place)))
 
 

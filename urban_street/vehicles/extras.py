@@ -125,7 +125,7 @@ def _spare_wheel(bag: Bag, shell: Shell) -> None:
     ]
     turn = turned(0, 90.0, (0.10, at[1], at[2] - 0.06))
     bag.add("vehicle-tyre", lathe(cover[1:3], 28).moved(turn))
-    bag.add("paint", lathe(cover[3:], 28).moved(turn))
+    bag.add("vehicle-plastic", lathe(cover[3:], 28).moved(turn))
     bag.add("vehicle-plastic", lathe([cover[2], cover[3]], 28).moved(turn))
 
 
