@@ -200,6 +200,11 @@ sign-faces: ## Rasterise the faces of traffic signs again (npm)
 	  .venv-signs/bin/pip install --quiet resvg-py==0.5.0 numpy pillow scipy shapely; }
 	@exec .venv-signs/bin/python -m tools.sign_faces
 
+.PHONY: vehicles
+vehicles: setup-dev ## Write the index of vehicles, and render docs/images/vehicles.jpg (a minute)
+	@$(PYTHON_BIN) -m tools.vehicle_index
+	@exec $(PYTHON_BIN) -m tools.vehicle_sheet
+
 .PHONY: gallery
 gallery: setup-dev ## Render docs/images/gallery.jpg, places.jpg, one large picture per engine (minutes; Cycles after `make cycles`)
 	@$(PYTHON_BIN) -m tools.gallery && exec $(PYTHON_BIN) -m tools.place_sheet

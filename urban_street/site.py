@@ -31,7 +31,7 @@ from urban_street.traffic_places import (
 from urban_street.varied_houses import house_parameters
 from urban_street.varied_signs import sign_parameters, varied_signs, with_faces
 from urban_street.vehicles.build import picked_paint, vehicle_seed
-from urban_street.vehicles.paints import PAINTS
+from urban_street.vehicles.paints import ALL_PAINTS, PAINTS
 from valerie.errors import InvalidInput
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
@@ -189,7 +189,7 @@ def _manifest(site: Site) -> Manifest:
         node_classes={**dict.fromkeys(_rider_paths(site), "rider"), **aid_classes(site.people)},
         gaits=GAITS,
         reaches=dict(REACHES),
-        paints=PAINTS,
+        paints=ALL_PAINTS,
         training=TrainingRules(
             # The shipped networks' scenes follow from the draws of each seed: later characters join when they are trained anew.
             # A second outfit of one body would show that body twice as often.

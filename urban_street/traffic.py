@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from urban_street.traffic_places import DEFAULT_PAINT, TrafficPlace, class_of
-from urban_street.vehicles.build import build_vehicle
+from urban_street.vehicles.build import outline_vehicle
 from urban_street.vehicles.content import VehicleContent
 from urban_street.vehicles.lamps import GLOWING, vehicle_lamps
 from urban_street.vehicles.rider import MOUNTS, build_rider
@@ -32,10 +32,10 @@ class Traffic:
         yield Node(path, place(at.x, at.y, 0.0, at.heading), visible=at.shown)
         for number, kind in enumerate(at.kinds):
             yield Node(f"{path}.{kind}", np.eye(4), visible=at.shown and number == 0)
-            yield from self._vehicle(f"{path}.{kind}", name, build_vehicle(kind, at.seed + number, DEFAULT_PAINT))
+            yield from self._vehicle(f"{path}.{kind}", name, outline_vehicle(kind, at.seed + number, DEFAULT_PAINT))
         if not at.kinds:
             mount = class_of(name)
-            yield from self._vehicle(path, name, build_vehicle(mount, at.seed, DEFAULT_PAINT))
+            yield from self._vehicle(path, name, outline_vehicle(mount, at.seed, DEFAULT_PAINT))
             if at.rider:
                 yield from self._parts(path, name, _rider(mount), only=at.rider)
 

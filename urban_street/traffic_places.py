@@ -15,8 +15,9 @@ import shapely
 from urban_street.pedestrians import PERSON_RADIUS_M, PLACES
 from urban_street.street.plan import StreetLayout, turned_rectangle
 from urban_street.street.shapes import Polygon
-from urban_street.vehicles.build import dimensions
-from urban_street.vehicles.paints import PAINTS
+from urban_street.vehicles.build import KINDS, dimensions
+from urban_street.vehicles.designs import EARLY
+from urban_street.vehicles.paints import ALL_PAINTS, PAINTS
 from valerie.parameters.declaring import angle, choice, number, switch
 from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.assets.attributes import ABSENT
@@ -27,8 +28,10 @@ from valerie.scene.graph.naming import ROOT
 Box = tuple[float, float, float, float]
 #: Default paint of vehicles in traffic.
 DEFAULT_PAINT: Final = "blue"
-#: Bodies of a car in traffic.
-CAR_KINDS: Final = ("hatchback", "sedan", "estate", "suv", "van")
+#: Bodies of the cars of the first street. Training scenes draw one of these five.
+CAR_KINDS: Final = EARLY
+#: All bodies of cars, and of trucks.
+ALL_CARS, ALL_TRUCKS = (tuple(kind for kind, of in KINDS.items() if of == name) for name in ("car", "truck"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +39,11 @@ class TrafficPlace:
     """The default place of a vehicle in traffic (metres, degrees), and its kinds.
 
     Attributes:
-        kinds: kinds of a car, of which one or none is visible; empty for a vehicle with a single kind.
+        kinds: kinds of which one or none is visible; empty for a vehicle with a single kind.
         rider: name of its rider's node, if it has a rider.
         seed: seed of its rims and number plate.
         shown: whether it is there by default, a car in the first of its kinds.
+        paints: names of the paints that it can have.
     """
 
     x: float
@@ -49,6 +53,7 @@ class TrafficPlace:
     rider: str = ""
     seed: int = 0
     shown: bool = False
+    paints: tuple[str, ...] = tuple(PAINTS)
 
 
 #: Vehicles whose places are the same in every street.
@@ -62,6 +67,8 @@ _FITTED: Final = {
     "motorcycle-101": TrafficPlace(2.9, 33.0, 180.0, rider="rider-102"),
     "truck-101": TrafficPlace(2.5, 60.0, 180.0),
     "bus-101": TrafficPlace(2.5, 60.0, 0.0),
+    "car-103": TrafficPlace(2.5, 66.0, 180.0, ALL_CARS, seed=20, paints=tuple(ALL_PAINTS)),
+    "truck-102": TrafficPlace(2.5, -24.0, 180.0, ALL_TRUCKS, paints=tuple(ALL_PAINTS)),
 }
 #: Names of the vehicles that training scenes never show, since shipped networks were trained on the draws of each seed.
 UNTRAINED: Final = tuple(_FITTED)
@@ -122,11 +129,11 @@ def traffic_parameters(places: Mapping[str, TrafficPlace], reach: Box) -> Iterat
         path = f"{ROOT}.{name}"
         if at.kinds:
             kind = at.kinds[0] if at.shown else ABSENT
-            yield choice(f"{path}.kind", (*at.kinds, ABSENT), kind, Affects.GEOMETRY, "model of the car, or absent")
+            yield choice(f"{path}.kind", (*at.kinds, ABSENT), kind, Affects.GEOMETRY, "body of the vehicle, or absent")
         else:
             yield switch(f"{path}.visible", at.shown, Affects.GEOMETRY, "whether it is visible")
         yield from place_parameters(path, at.x, at.y, at.heading, reach)
-        yield choice(f"{path}.colour", tuple(PAINTS), DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
+        yield choice(f"{path}.colour", at.paints, DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
 
 
 def place_parameters(path: str, x: float, y: float, heading: float, reach: Box) -> Iterator[ParameterDefinition]:

@@ -22,7 +22,7 @@ def test_another_seed_declares_the_same_about_other_cars_and_houses() -> None:
     assert first_digest != second_digest
     assert first.obstacles != second.obstacles
     # Parked cars, the places of fitted vehicles and houses differ; all other declarations are equal.
-    differing = re.compile(r"scene\.(car-\d{1,2}|car-102|truck-101|bus-101|motorcycle-101|building-\d+)\.")
+    differing = re.compile(r"scene\.(car-\d{1,2}|car-102|car-103|truck-10[12]|bus-101|motorcycle-101|building-\d+)\.")
     common = [
         [definition for definition in manifest.parameters if not differing.match(definition.path)]
         for manifest in (first, second)

@@ -12,7 +12,8 @@ from valerie.scene.legality.rejection import rejection_reason
 
 def test_places_in_the_street_are_judged_by_the_distance_to_the_obstacles() -> None:
     manifest, _ = asset_manifest("urban-street")
-    hidden = ("scene.car-101", "scene.car-102", *(d.path.removesuffix(".visible") for d in manifest.parameters
+    hidden = (*(f"scene.{name}" for name in ("car-101", "car-102", "car-103", "truck-102")),
+              *(d.path.removesuffix(".visible") for d in manifest.parameters
               if d.path.endswith(".visible") and not d.default))  # fmt: skip
     there = [
         shapely.Polygon(obstacle.polygon)
@@ -42,9 +43,9 @@ def test_the_places_of_the_streets_own_vehicles_are_legal(arguments: dict[str, V
     hidden = [path for path, value in everything.items() if path.endswith(".visible") and value is False]
     assert len(hidden) == 4
     shown: dict[str, Value] = {**everything, **dict.fromkeys(hidden, True)}
-    for kind in manifest.by_path["scene.car-101.kind"].choices:
-        cars = {"scene.car-101.kind": kind, "scene.car-102.kind": kind}
-        assert rejection_reason({**shown, **cars}, manifest) is None
+    for path in ("car-101", "car-102", "car-103", "truck-102"):
+        for kind in manifest.by_path[f"scene.{path}.kind"].choices:
+            assert rejection_reason({**shown, f"scene.{path}.kind": kind}, manifest) is None
 
 
 def test_a_car_that_drives_does_not_drive_through_one_that_is_parked() -> None:

@@ -11,7 +11,7 @@ from urban_street.street.build import StreetContent
 from urban_street.street.furniture import LANTERN, LANTERN_PLACE, lamp_post
 from urban_street.street.layout import layout_street
 from urban_street.street.plan import StreetSettings
-from urban_street.vehicles.build import build_vehicle, dimensions
+from urban_street.vehicles.build import KINDS, build_vehicle, dimensions
 from urban_street.vehicles.lamps import GLOWING, RED, WHITE, vehicle_lamps
 
 
@@ -43,7 +43,7 @@ def test_every_lamp_post_of_a_street_has_one_lamp_over_the_road(content: StreetC
         assert abs(x - 2.5) < abs(post - 2.5)  # the middle of the carriageway
 
 
-@pytest.mark.parametrize("kind", ["hatchback", "sedan", "van", "truck", "bus", "motorcycle", "bicycle"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_headlamps_look_ahead_and_tail_lamps_back_from_the_ends_of_the_vehicle(kind: str) -> None:
     length, width, height = dimensions(kind)
     lamps = list(vehicle_lamps(build_vehicle(kind), lambda name: f"own/{name}"))
@@ -64,7 +64,7 @@ def test_headlamps_look_ahead_and_tail_lamps_back_from_the_ends_of_the_vehicle(k
     assert all(0.0 > lamp.transform[2, 1] > -math.sin(math.radians(3.0)) for lamp in heads)  # dipped
 
 
-@pytest.mark.parametrize("kind", ["hatchback", "sedan", "van", "truck", "bus", "motorcycle", "bicycle"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_headlamps_are_dipped_and_nothing_of_the_vehicle_stands_in_their_beam(kind: str) -> None:
     vehicle = build_vehicle(kind)
     corners = [

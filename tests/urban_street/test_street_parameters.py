@@ -26,6 +26,8 @@ EVERYTHING_SHOWN: dict[str, Value] = {
     "scene.car-102.kind": "van",
     "scene.motorcycle-101.visible": True,
     "scene.truck-101.visible": True,
+    "scene.car-103.kind": "camper",
+    "scene.truck-102.kind": "box-truck",
     "scene.bus-101.visible": True,
 }
 
@@ -240,6 +242,7 @@ TABLE: dict[str, list[tuple[Value, Expected]]] = {
     "car door-2.rot.z": [(50.0, turned)],
     **rows_of("bicycle"),
     **rows_of("motorcycle"),
+    "truck kind": [("flatbed-truck", appears("flatbed-truck"))],
     **rows_of("truck"),
     **rows_of("bus"),
     "building pos.x": [(0.75, itself("x"))],

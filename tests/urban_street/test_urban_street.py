@@ -34,7 +34,8 @@ from valerie.testing.scenes import assert_same_scene
 MANIFEST = asset_manifest("urban-street")[0]
 #: Moving objects besides the persons.
 VEHICLES = tuple(
-    f"scene.{name}" for name in ("car-101", "bicycle-101", "car-102", "motorcycle-101", "truck-101", "bus-101")
+    f"scene.{name}"
+    for name in ("car-101", "bicycle-101", "car-102", "motorcycle-101", "truck-101", "bus-101", "car-103", "truck-102")
 )
 HOUSES = tuple(house.path for house in varied_houses(layout_street(StreetSettings())))
 #: The paper's positions (section 6.1).
@@ -239,6 +240,8 @@ def test_riders_are_riders_on_what_they_ride(asset: SceneAsset) -> None:
     [
         ("scene.car-102.suv.body", 26, 26102),
         ("scene.truck-101.body", 27, 27101),
+        ("scene.car-103.camper.body", 26, 26103),
+        ("scene.truck-102.box-truck.body", 27, 27102),
         ("scene.bus-101.body", 28, 28101),
         ("scene.motorcycle-101.frame", 32, 32101),
     ],

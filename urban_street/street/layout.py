@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -35,8 +35,16 @@ from urban_street.vehicles.build import dimensions
 
 #: Depth of houses in a side street, metres: less than the width of the narrowest corner house.
 _SIDE_DEPTH = 7.9
-#: Shares of parked cars by kind.
-_PARKED = {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van": 0.06}
+#: Weights of parked cars by kind, for each value of `StreetSettings.cars`.
+_PARKED: Final[dict[str, dict[str, float]]] = {
+    "usual": {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van": 0.06},
+    "varied": {
+        **dict.fromkeys(("hatchback", "city-car", "three-door", "crossover", "suv", "estate", "touring-estate"), 0.08),
+        **dict.fromkeys(("sedan", "mpv", "leisure-van", "electric-saloon", "large-suv", "microcar", "coupe"), 0.04),
+        **dict.fromkeys(("notchback", "limousine", "city-van", "minibus", "taxi", "van"), 0.02),
+        **dict.fromkeys(("convertible", "sports-car", "classic-car", "off-roader"), 0.01),
+    },
+}
 #: Number of different seeds of a kind, which determine rims, plates and paint.
 CAR_MODELS = 6
 TREE_MODELS = 3
@@ -222,11 +230,12 @@ def _place_ends(plan: StreetPlan, rng: np.random.Generator) -> None:
 def _place_cars(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Place cars in both parking bays, in rows with tight gaps and some free bays, and one van where people walk."""
     van_left = bool(rng.random() < 0.5)
+    shares = _PARKED[plan.settings.cars]
     for left in (True, False):
         y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
         parked = 0
         while y < plan.lines.row_stop - 8.0:
-            kind = str(rng.choice(list(_PARKED), p=list(_PARKED.values())))
+            kind = str(rng.choice(list(shares), p=list(shares.values())))
             if left == van_left and parked == 1:
                 kind = "van"
             length, width, _ = dimensions(kind)

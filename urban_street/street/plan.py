@@ -47,6 +47,7 @@ class StreetSettings(BaseModel):
         season: season of the trees.
         signs: faces of the traffic signs: eight that the street draws itself, or the catalogue `urban_street.signs`.
         trees: how trees are built: five kinds with a triangle per leaf, or `species.SPECIES` with drawn clusters of leaves.
+        cars: bodies of the parked cars: the five ``usual`` ones of the first street, or ``varied`` ones.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -64,6 +65,7 @@ class StreetSettings(BaseModel):
     # A later argument is part of the asset's digest only where it changes something.
     signs: Literal["drawn", "catalogue"] = Field(default="drawn", exclude_if=lambda signs: signs == "drawn")
     trees: Literal["triangles", "clusters"] = Field(default="triangles", exclude_if=lambda trees: trees == "triangles")
+    cars: Literal["usual", "varied"] = Field(default="usual", exclude_if=lambda cars: cars == "usual")
 
 
 @dataclass(frozen=True, slots=True)

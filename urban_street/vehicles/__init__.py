@@ -1,6 +1,6 @@
-"""Vehicles: cars, van, truck, bus, motorcycle, bicycle and riders, all generated (see `build`)."""
+"""Vehicles: cars, vans, trucks, bus, motorcycle, bicycle and riders, all generated (see `build`)."""
 
-from urban_street.vehicles.build import KINDS, build_vehicle, dimensions, size_of
+from urban_street.vehicles.build import KINDS, build_vehicle, dimensions, outline_vehicle, size_of
 from urban_street.vehicles.content import VehicleContent, VehiclePart
 from urban_street.vehicles.rider import MOUNTS, build_rider
 
@@ -12,5 +12,6 @@ __all__ = [
     "build_rider",
     "build_vehicle",
     "dimensions",
+    "outline_vehicle",
     "size_of",
 ]

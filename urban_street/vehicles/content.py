@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from urban_street.solids.surfaces import Bag
 from valerie.scene.graph.model import Material, Matrix, Mesh, Skeleton, Texture
 
 Polygon = tuple[tuple[float, float], ...]
+Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +52,7 @@ class VehicleContent:
         parts: parts, whose parent is the vehicle's node.
         materials, textures: materials and textures by name. Those without the vehicle's prefix are shared by all vehicles.
         footprint: (x, y) corners of the ground that it occupies, counter-clockwise.
+        lenses: places of the lenses by material, if they are known before the shapes; else None.
     """
 
     kind: str
@@ -58,6 +61,7 @@ class VehicleContent:
     materials: dict[str, Material]
     textures: dict[str, Texture]
     footprint: Polygon
+    lenses: Mapping[str, tuple[Place, ...]] | None = None
 
     @property
     def triangles(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 Line = tuple[tuple[float, float], ...]
 #: Nine rails from the sill to the belt: (metres inside the plan outline, share of the height from sill to belt).
@@ -15,7 +15,7 @@ class CarDesign:
     """One body. Metres; y from the middle of the length to the front, z from the road.
 
     Attributes:
-        length, width, height: overall size without mirrors.
+        length, width, height: size without mirrors, extras and box.
         front_axle, rear_axle: y of the wheel centres.
         tyre: outer radius of the wheels.
         arch: radius of the wheel arches.
@@ -41,6 +41,20 @@ class CarDesign:
         roof_rails: whether there are bars along the roof.
         cladding: whether lower edge and arches are unpainted.
         panel_van: whether there are no side windows behind the front doors.
+        glass_top: upper edges of all panes, by the usual share of the way from belt to roof.
+        two_doors: whether there are no rear doors.
+        back: what is behind the doors: ``closed``; ``open``, a cabin without a roof; ``bed``, a pick-up's; ``box``, a body of
+            its own (`box`).
+        box: of a separate body: (y of tail and front, width, z of floor and top, y to which it reaches above the cab).
+        rims: designs of rims, of which a seed chooses one.
+        tyre_width, rim_share: width of the tyres, metres; radius of the rims by that of the tyres.
+        projectors: (share of the lamp's width from its outside, radius) of the projectors in a head lamp.
+        bars: bars of grille and intake; no grille bars for a closed front, negative for upright ones.
+        roof: material of the roof.
+        fin: whether there is an aerial like a fin on the roof.
+        livery: coloured fields on the flanks: (material, y from, y to, rail from, rail to).
+        extras: names of `urban_street.vehicles.extras.EXTRAS`.
+        beyond: by how much extras, or a box, lengthen each end and heighten the whole, metres.
     """
 
     name: str
@@ -79,7 +93,40 @@ class CarDesign:
     roof_rails: bool = False
     cladding: bool = False
     panel_van: bool = False
+    glass_top: float = 1.0
+    two_doors: bool = False
+    back: Literal["closed", "open", "bed", "box"] = "closed"
+    box: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    rims: tuple[str, ...] = ("five", "double", "ten", "star", "turbine", "steel")
+    tyre_width: float = 0.215
+    rim_share: float = 0.70
+    projectors: Line = ((0.34, 0.048), (0.58, 0.042))
+    bars: tuple[int, int] = (5, 4)
+    roof: str = "paint"
+    fin: bool = True
+    livery: tuple[tuple[str, float, float, float, float], ...] = ()
+    extras: tuple[str, ...] = ()
+    beyond: tuple[float, float] = (0.0, 0.0)
 
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Return overall length, width (without mirrors) and height."""
+        wide = max(self.width, self.box[2])
+        return self.length + 2.0 * self.beyond[0], wide, self.height + self.beyond[1]
+
+    @property
+    def early(self) -> bool:
+        """Return True for the bodies of the first street, whose bits are kept. Their flaws go when its revision is raised."""
+        return self.name in EARLY
+
+    @property
+    def bed(self) -> tuple[float, float, float]:
+        """Return y of tail and front, and half the width, of a pick-up's bed."""
+        return 0.10 - 0.5 * self.length, self.glass_tail - 0.10, 0.5 * self.width - 0.14
+
+
+#: The bodies of the first street.
+EARLY: Final = ("hatchback", "sedan", "estate", "suv", "van")
 
 _NOSE_PLAN: Final = ((0.0, 0.0), (0.40, 0.03), (0.68, 0.115), (0.86, 0.29), (0.945, 0.60), (0.98, 1.05))
 _TAIL_PLAN: Final = ((0.0, 0.0), (0.50, 0.018), (0.78, 0.07), (0.92, 0.20), (0.97, 0.50), (1.0, 1.25))
@@ -165,4 +212,5 @@ VAN: Final = replace(
     plate=(3.7, 5.3), panel_van=True,
 )  # fmt: skip
 
-CARS: Final = {design.name: design for design in (HATCHBACK, SEDAN, ESTATE, SUV, VAN)}
+#: The bodies of the first street by name, in the order of `EARLY`.
+EARLY_CARS: Final = {design.name: design for design in (HATCHBACK, SEDAN, ESTATE, SUV, VAN)}

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from urban_street.solids.rounded import pillow, rod, turned
-from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, fan, merge, quads, sheet
-from urban_street.vehicles.panels import BODY, FRONT_DOOR, REAR_DOOR, Half
-from urban_street.vehicles.shell import HOUSE, Shell
+from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, fan, merge, quads, sheet, unit
+from urban_street.vehicles.panels import Half
+from urban_street.vehicles.shell import HOUSE, Shell, roof_place
+from urban_street.vehicles.windows import BODY, FRONT_DOOR, REAR_DOOR
 
 PLATES = 8
 
@@ -16,9 +17,10 @@ def add_side_details(half: Half, shell: Shell) -> None:
     """Add mirror and handles of the right side, and arch liners."""
     d = shell.design
     _mirror(half.parts[FRONT_DOOR], shell)
-    for part, y in ((FRONT_DOOR, d.doors[1] + 0.16), (REAR_DOOR, d.doors[2] + 0.10)):
+    handles = ((FRONT_DOOR, d.doors[1] + 0.16), (REAR_DOOR, d.doors[2] + 0.10))
+    for part, y in handles[:1] if d.two_doors else handles:
         _handle(half.parts[part], shell, y)
-    for axle in (d.rear_axle, d.front_axle):
+    for axle in (d.front_axle,) if d.back == "box" else (d.rear_axle, d.front_axle):
         _liner(half.parts[BODY], shell, axle)
     _seam(half.parts[BODY], shell)
     if d.roof_rails:
@@ -45,16 +47,24 @@ def _mirror(bag: Bag, shell: Shell) -> None:
     lower = case.positions[case.faces].mean(axis=1)[:, 2] < centre[2] - 0.032
     bag.add("paint", case.selected(~lower))
     bag.add("vehicle-plastic", case.selected(lower))
-    glass = pillow((0.088, 0.004, 0.054), squareness=0.4, sides=12, levels=3).moved(
-        turned(2, 8.0, centre + [0.005, -0.036, 0.0])
-    )
-    bag.add("vehicle-mirror", glass)
+    size = (0.088, 0.004, 0.054)
+    glass = pillow(size, squareness=0.4, sides=12, levels=3) if d.early else convex_mirror(size)
+    bag.add("vehicle-mirror", glass.moved(turned(2, 8.0, centre + [0.005, -0.036, 0.0])))
     arm = pillow((0.07, 0.03, 0.022), squareness=0.6, sides=12, levels=5).moved(
         turned(1, -22.0, foot + np.array([0.05, 0.0, 0.012]))
     )
     bag.add("vehicle-plastic", arm)
     blinker = pillow((0.05, 0.010, 0.008), sides=10, levels=3).moved(turned(2, -12.0, centre + [0.035, 0.050, 0.0]))
     bag.add("vehicle-amber", blinker)
+
+
+def convex_mirror(half: tuple[float, float, float]) -> Surface:
+    """Build the glass of an outside mirror around the origin, facing −y; it is bent as UN Regulation 46 demands (1.2 m)."""
+    glass = pillow(half, squareness=0.4, sides=16, levels=5)
+    across, _, up = glass.positions.T / 1.2
+    bent = unit(np.column_stack([across, np.full(len(up), -1.0), up]))
+    face = glass.normals[:, 1] < -0.3
+    return Surface(glass.positions, np.where(face[:, None], bent, glass.normals), glass.uvs, glass.faces)
 
 
 def _handle(bag: Bag, shell: Shell, y: float) -> None:
@@ -104,29 +114,18 @@ def _seam(bag: Bag, shell: Shell) -> None:
 def add_details(bag: Bag, shell: Shell) -> None:
     """Add the details that a car has only once."""
     d = shell.design
-    for front in (True, False):
+    for front in (True, False) if d.back != "box" else (True,):
         _plate(bag, shell, front=front)
     _underbody(bag, shell)
     if not shell.fine:
         return
     _wipers(bag, shell)
-    # exhaust, on the left seen from behind
-    sill = float(shell.ring.points(np.array([[0.0, 0.0]]))[0, 2])
-    y = -0.5 * d.length
-    pipe = rod([(-0.48, y + 0.30, sill + 0.02), (-0.48, y + 0.055, sill + 0.02)], 0.032, 12)
-    bag.add("vehicle-chrome", pipe)
-    bag.add("vehicle-gap", rod([(-0.48, y + 0.058, sill + 0.02), (-0.48, y + 0.056, sill + 0.02)], [0.028, 0.0001], 12))
-    # Shark fin.
-    top = float(d.height)
-    fin = pillow((0.018, 0.07, 0.045), squareness=0.9, sides=12, levels=7)
-    shape = fin.positions.copy()
-    shape[:, 1] -= 0.8 * np.maximum(shape[:, 2], 0.0)
-    bag.add(
-        "paint",
-        Surface(shape, fin.normals, fin.uvs, fin.faces).moved(turned(0, 0.0, (0.0, d.roof_rear + 0.30, top - 0.028))),
-    )
-    # Badges.
-    for front, rail in ((True, 6.35), (False, 6.6 if d.hatch else 6.2)):
+    if d.bars[0]:
+        _exhaust(bag, shell)
+    if d.fin:
+        _shark_fin(bag, shell)
+    # badges
+    for front, rail in ((True, 6.35), (False, 6.6 if d.hatch else 6.2))[: 1 if d.back == "box" else 2]:
         t = shell.outline.length if front else 0.0
         place = np.array([[t, float(shell.height_of(rail))]])
         at, normal = shell.ring.points(place)[0], shell.ring.normals(place)[0]
@@ -137,6 +136,26 @@ def add_details(bag: Bag, shell: Shell) -> None:
                 turned(0, tilt, at + normal * 0.002)
             ),
         )
+
+
+def _exhaust(bag: Bag, shell: Shell) -> None:
+    """Add a pipe on the left, seen from behind."""
+    sill = float(shell.ring.points(np.array([[0.0, 0.0]]))[0, 2])
+    y = -0.5 * shell.design.length
+    pipe = rod([(-0.48, y + 0.30, sill + 0.02), (-0.48, y + 0.055, sill + 0.02)], 0.032, 12)
+    bag.add("vehicle-chrome", pipe)
+    bag.add("vehicle-gap", rod([(-0.48, y + 0.058, sill + 0.02), (-0.48, y + 0.056, sill + 0.02)], [0.028, 0.0001], 12))
+
+
+def _shark_fin(bag: Bag, shell: Shell) -> None:
+    d = shell.design
+    fin = pillow((0.018, 0.07, 0.045), squareness=0.9, sides=12, levels=7)
+    shape = fin.positions.copy()
+    shape[:, 1] -= 0.8 * np.maximum(shape[:, 2], 0.0)
+    place = np.array([0.0, d.roof_rear + 0.30, d.height - 0.028])
+    if not d.early:
+        place = roof_place(shell, 0.0, float(place[1])) - [0.0, 0.0, 0.014]
+    bag.add("paint", Surface(shape, fin.normals, fin.uvs, fin.faces).moved(turned(0, 0.0, place)))
 
 
 def _plate(bag: Bag, shell: Shell, *, front: bool) -> None:
@@ -183,7 +202,8 @@ def _wipers(bag: Bag, shell: Shell) -> None:
 
 def _underbody(bag: Bag, shell: Shell) -> None:
     """Add a dark floor slightly above the sill."""
-    t = np.linspace(0.0, shell.outline.length, 40)
+    start = float(shell.outline.at_y(shell.design.box[1])) if shell.design.back == "box" else 0.0
+    t = np.linspace(start, shell.outline.length, 40)
     right = shell.ring.points(np.column_stack([t, np.zeros_like(t)]))
     inner = 0.5 * shell.design.width - 0.36
     for axle in (shell.design.rear_axle, shell.design.front_axle):
@@ -196,8 +216,9 @@ def _underbody(bag: Bag, shell: Shell) -> None:
     bag.add("vehicle-gap", down, flipped)
     # Engine, tank and axles close the view from side to side.
     d, low = shell.design, float(right[:, 2].min())
+    end = 0.5 * d.length - 0.30
     core = [
-        boxes([[-inner, axle - 0.4, low]], [[inner, axle + 0.4, d.tyre + d.arch - 0.02]])
-        for axle in (d.rear_axle, d.front_axle)
+        boxes([[-inner, max(axle - 0.4, -end), low]], [[inner, min(axle + 0.4, end), d.tyre + d.arch - 0.02]])
+        for axle in ((d.front_axle,) if d.back == "box" else (d.rear_axle, d.front_axle))
     ]
     bag.add("vehicle-gap", merge(core))

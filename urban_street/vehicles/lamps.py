@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urban_street.vehicles.content import VehicleContent
+from urban_street.vehicles.content import Place, VehicleContent
 from valerie.scene.graph.model import Light, Matrix
 from valerie.scene.graph.transforms import Pose
 
@@ -56,14 +56,14 @@ def vehicle_lamps(vehicle: VehicleContent, own_name: Callable[[str], str]) -> It
         forward = 1.0 if heading == 0.0 else -1.0
         strength = _BICYCLE[material] if vehicle.kind == "bicycle" else light.intensity
         own = replace(light, intensity=strength, glowing=(own_name(material),))
-        for number, place in enumerate(_lenses(vehicle, material), start=1):
-            x, y, z = place
+        places = lens_places(vehicle, material) if vehicle.lenses is None else vehicle.lenses[material]
+        for number, (x, y, z) in enumerate(places, start=1):
             pitch = 360.0 - _DOWN_DEG if heading == 0.0 else 0.0
             transform = Pose((x, y + forward * _BEFORE, z), (pitch, 0.0, heading)).matrix()
             yield VehicleLamp(f"{name}-{number}", transform, own)
 
 
-def _lenses(vehicle: VehicleContent, material: str) -> list[tuple[float, float, float]]:
+def lens_places(vehicle: VehicleContent, material: str) -> list[Place]:
     """Return the places of a material's lenses: the outermost along y, the middle in x and z."""
     points = [
         mesh.positions.astype(np.float64) @ part.transform[:3, :3].T + part.transform[:3, 3]

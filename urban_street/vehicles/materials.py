@@ -42,6 +42,15 @@ _COMMON: Final = (
     Material("vehicle-handrail", (0.62, 0.40, 0.02), roughness=0.4),
     Material("vehicle-display", (0.25, 0.11, 0.01), roughness=0.6, emissive=(0.85, 0.38, 0.03)),
     Material("vehicle-helmet", (0.55, 0.55, 0.54), roughness=0.25, specular=1.2),
+    Material("vehicle-white", (0.70, 0.70, 0.69), roughness=0.22, specular=1.35),
+    Material("vehicle-cream", (0.62, 0.56, 0.42), roughness=0.22, specular=1.35),
+    Material("vehicle-blue", (0.008, 0.035, 0.24), roughness=0.30),
+    Material("vehicle-yellow", (0.62, 0.50, 0.01), roughness=0.30),
+    Material("vehicle-red", (0.46, 0.012, 0.010), roughness=0.30),
+    Material("vehicle-beacon", (0.010, 0.035, 0.34), roughness=0.06, specular=1.6),
+    Material("vehicle-high-visibility", (0.55, 0.62, 0.02), roughness=0.8),
+    Material("vehicle-wood", (0.30, 0.19, 0.10), roughness=0.85),
+    Material("vehicle-sheet", (0.035, 0.075, 0.055), roughness=0.6),
     Material("vehicle-steel", (0.16, 0.16, 0.165), metallic=0.6, roughness=0.5),
 )
 

@@ -36,3 +36,18 @@ PAINTS: Final = {
 }
 #: Relative frequencies of the paints, in the order of `PAINTS`.
 FREQUENCIES: Final = tuple(frequency for _, _, frequency in _BOUGHT.values())
+
+#: Solid colours under a clear coat that mirrors sharply, as on a polished car. Only later vehicles offer them.
+LACQUERS: Final = {
+    f"lacquer-{name}": Paint(base_color=color, metallic=0.0, roughness=0.05)
+    for name, color in {
+        "black": (0.006, 0.006, 0.007),
+        "red": (0.30, 0.008, 0.010),
+        "white": (0.72, 0.72, 0.71),
+        "blue": (0.010, 0.035, 0.19),
+        "green": (0.008, 0.055, 0.030),
+        "grey": (0.085, 0.090, 0.095),
+    }.items()
+}
+#: All paints by name.
+ALL_PAINTS: Final = PAINTS | LACQUERS

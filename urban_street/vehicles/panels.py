@@ -14,14 +14,13 @@ from urban_street.solids.surfaces import Bag, Floats, Surface, lathe, merge
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.shell import DECK, HOUSE, Shell, rounded, shrunk
 from urban_street.vehicles.skin import Master, Patch, cut, flange, reversed_
+from urban_street.vehicles.windows import BODY, FRONT_DOOR, REAR_DOOR, Windows
 
 #: Half the width and the depth of a gap between panels, metres.
 _GAP = 0.0035
 _DEPTH = 0.018
 #: Thickness of a door, metres.
 _DOOR = 0.065
-
-BODY, FRONT_DOOR, REAR_DOOR = "body", "front-door", "rear-door"
 
 
 @dataclass(slots=True)
@@ -44,7 +43,8 @@ class Panels:
         self._ring()
         self._deck()
         self._house()
-        self._roof()
+        if self.design.back != "open":
+            self._roof()
         return self.half
 
     def _edge(self, patch: Patch, depth: float) -> Surface:
@@ -66,8 +66,8 @@ class Panels:
             discs.append(shapely.Polygon(np.column_stack([t, b])).buffer(0))
         return shapely.union_all(discs)
 
-    def _door_outlines(self) -> tuple[BaseGeometry, BaseGeometry]:
-        """Return the lower parts of the right front and rear door in the ring's domain."""
+    def _door_outlines(self) -> list[BaseGeometry]:
+        """Return the lower parts of the right front door, and of the rear door if any, in the ring's domain."""
         d, shell = self.design, self.shell
         front, middle, rear = d.doors
         belt = float(np.interp(0.0, *np.array(d.belt).T))
@@ -82,17 +82,25 @@ class Panels:
         start = around[0]
         second = [(middle, top), (middle, low), (around[-1][0] - 0.0, low), *reversed(around),
                   (rear - 0.13, max(start[1] + 0.12, belt - 0.16)), (rear - 0.16, belt), (rear - 0.17, top)]  # fmt: skip
-        return shell.side_polygon(first[::-1]), shell.side_polygon(second)
+        return [shell.side_polygon(first[::-1])] + ([] if d.two_doors else [shell.side_polygon(second)])
 
     def _bow(self, line: ArrayLike, *, front: bool, rounding: float = 0.02) -> BaseGeometry:
         return self.shell.bow_polygon(line, front=front, rounding=rounding)
+
+    @cached_property
+    def _sheet_metal(self) -> BaseGeometry:
+        """Return the part of the ring that is built: all, or only that of the cab in front of a box."""
+        ring, d = self.shell.ring, self.design
+        if d.back != "box":
+            return ring.domain
+        return shapely.box(float(self.shell.outline.at_y(d.box[1] - 0.05)), 0.0, *ring.high)
 
     # -- flank, nose and tail -----------------------------------------------------------------------------------------
 
     def _ring(self) -> None:
         shell, d, body = self.shell, self.design, self.half.parts[BODY]
         ring = shell.ring
-        metal = ring.domain.difference(self._arches)
+        metal = self._sheet_metal.difference(self._arches)
         head = self._bow(d.head, front=True, rounding=0.025)
         tail = self._bow(d.tail_lamp, front=False, rounding=0.025)
         grille = self._bow(d.grille, front=True, rounding=0.015)
@@ -101,9 +109,10 @@ class Panels:
         cut_out = shapely.union_all([head, tail, grille, intake])
         seen_into = shapely.union_all([head, grille, intake]).buffer(-0.008)
         self._lamp(head, front=True)
-        self._lamp(tail, front=False)
-        self._grille(grille, bars=5, chrome=True)
-        self._grille(intake, bars=4, chrome=False)
+        if d.back != "box":
+            self._lamp(tail, front=False)
+        self._grille(grille, bars=d.bars[0], chrome=True)
+        self._grille(intake, bars=d.bars[1], chrome=False)
         sill_top = float(shell.height_of(2.2 if d.cladding else 0.9))
         low = shapely.box(0.0, 0.0, shell.outline.length, sill_top)
         plastic = low.union(self._arches.buffer(0.05)) if d.cladding else low
@@ -112,7 +121,7 @@ class Panels:
         doors = self._door_outlines()
         outlines: list[BaseGeometry] = []
         bumpers = [self._front_bumper(), self._rear_bumper(), self._tailgate()]
-        for name, outline in ((FRONT_DOOR, doors[0]), (REAR_DOOR, doors[1])):
+        for name, outline in zip((FRONT_DOOR, REAR_DOOR), doors, strict=False):
             panel = outline.intersection(metal).difference(shapely.union_all([*outlines, cut_out]))
             outlines.append(outline)
             self._door(name, shrunk(panel, _GAP, ring.domain), plastic)
@@ -179,8 +188,27 @@ class Panels:
             ("vehicle-plastic", region.intersection(plastic) if plastic is not None else None),
         ):
             if piece is not None and not piece.is_empty:
-                bag.add(material, cut(master, piece).surface)
+                self._coat(bag, master, material, piece)
         bag.add("vehicle-gap", self._edge(cut(master.coarse(), region.simplify(0.003)), _DEPTH))
+
+    def _coat(self, bag: Bag, master: Master, material: str, piece: BaseGeometry) -> None:
+        """Add sheet metal. On the ring, fields of a livery take the place of paint."""
+        if material == "paint" and master is self.shell.ring:
+            for other, field in self._livery:
+                bag.add(other, cut(master, piece.intersection(field)).surface)
+                piece = piece.difference(field)
+        bag.add(material, cut(master, piece).surface)
+
+    @cached_property
+    def _livery(self) -> list[tuple[str, BaseGeometry]]:
+        """Return the material and the place of each coloured field."""
+        at, height = self.shell.outline.at_y, self.shell.height_of
+        fields = []
+        for material, y0, y1, low, high in self.design.livery:
+            fields.append(
+                (material, shapely.box(float(at(y0)), float(height(low)), float(at(y1)), float(height(high))))
+            )
+        return fields
 
     def _door(self, name: str, region: BaseGeometry, plastic: BaseGeometry) -> None:
         bag = self.half.parts[name]
@@ -188,7 +216,7 @@ class Panels:
             ("paint", region.difference(plastic)),
             ("vehicle-plastic", region.intersection(plastic)),
         ):
-            bag.add(material, cut(self.shell.ring, piece).surface)
+            self._coat(bag, self.shell.ring, material, piece)
         bag.add("paint", self._edge(cut(self.shell.ring.coarse(2), region.simplify(0.003)), _DOOR))
         bag.add(
             "vehicle-interior", reversed_(cut(self.shell.ring.coarse(2), region.simplify(0.02), offset=-_DOOR).surface)
@@ -208,7 +236,7 @@ class Panels:
             guide = inner.difference(shapely.affinity.translate(inner, 0.0, 0.024)).buffer(-0.003)
             patch = cut(ring, guide, offset=-0.012)
             body.add("vehicle-lamp-white", patch.surface, self._edge(patch, 0.03))
-            for share, radius in ((0.34, 0.048), (0.58, 0.042)) if self.shell.fine else ():
+            for share, radius in self.design.projectors if self.shell.fine else ():
                 at = _inside(inner, a1 - share * (a1 - a0))
                 self._projector(at, radius)
             return
@@ -239,17 +267,23 @@ class Panels:
         body.add("vehicle-lamp-white", eye.moved(turn))
 
     def _grille(self, region: BaseGeometry, *, bars: int, chrome: bool) -> None:
-        """Add a dark opening with bars across, and a frame."""
+        """Add a dark opening with bars across (upright: a negative number), and a frame. Without bars it is closed."""
         body, ring = self.half.parts[BODY], self.shell.ring
+        if not bars:
+            body.add("vehicle-black-gloss", cut(ring, region.buffer(-0.002)).surface)
+            return
         rim = cut(ring, region)
         body.add("vehicle-gap", cut(ring, region, offset=-0.05).surface, reversed_(self._edge(rim, 0.05)))
         _, b0, _, b1 = region.bounds
         a0, a1 = region.bounds[0], region.bounds[2]
-        thick = min(0.012, 0.3 * (b1 - b0) / bars)
-        bars = bars if self.shell.fine else 0
-        for k in range(bars):
-            b = b0 + (k + 0.5) * (b1 - b0) / bars
-            bar = region.intersection(shapely.box(a0 - 1, b - 0.5 * thick, a1 + 1, b + 0.5 * thick))
+        upright, count = bars < 0, abs(bars)
+        span = a1 - a0 if upright else b1 - b0
+        thick = min(0.012, 0.3 * span / count)
+        for k in range(count if self.shell.fine else 0):
+            middle = (a0 if upright else b0) + (k + 0.5) * span / count
+            low, high = middle - 0.5 * thick, middle + 0.5 * thick
+            strip = (low, b0 - 1, high, b1 + 1) if upright else (a0 - 1, low, a1 + 1, high)
+            bar = region.intersection(shapely.box(*strip))
             patch = cut(ring, bar, offset=-0.010)
             body.add("vehicle-black-gloss", patch.surface, self._edge(patch, 0.02))
         frame = region.difference(region.buffer(-0.014)) if chrome else region.difference(region.buffer(-0.010))
@@ -287,6 +321,11 @@ class Panels:
         both.add("paint", cut(deck, sides.intersection(ledge)).surface)
         # boot lid, or the ledge below the rear window
         rear = shapely.box(0.0, -DECK, float(shell.deck_t(d.rear_base + 0.06)), DECK)
+        if d.back == "box":
+            return
+        if d.back == "bed":
+            self._metal(both, deck, rear.difference(self._bed))
+            return
         if d.hatch:
             both.add("paint", cut(deck, rear).surface)
             return
@@ -296,91 +335,27 @@ class Panels:
         self._metal(both, deck, shrunk(rear.difference(lid), 0.5 * _GAP, deck.domain))
         both.add("vehicle-gap", cut(deck.coarse(2), rear, offset=-0.02).surface)
 
+    @cached_property
+    def _bed(self) -> BaseGeometry:
+        """Return the opening of a pick-up's bed in the deck."""
+        y0, y1, half = self.design.bed
+        wide = DECK * half / (0.5 * self.design.width)
+        return shapely.box(float(self.shell.deck_t(y0)), -wide, float(self.shell.deck_t(y1)), wide)
+
     # -- glass house --------------------------------------------------------------------------------------------------
 
-    def _side_strip(
-        self, front: tuple[float, float], rear: tuple[float, float], low: float, high: float
-    ) -> BaseGeometry:
-        """Return the strip of the house between lines (place at the belt, at the roof), from ``low`` to ``high`` (shares)."""
-        f0, f1 = front
-        r0, r1 = rear
-        h = np.array([low, high])
-        corners = [
-            (r0 + (r1 - r0) * h[0], h[0]),
-            (f0 + (f1 - f0) * h[0], h[0]),
-            (f0 + (f1 - f0) * h[1], h[1]),
-            (r0 + (r1 - r0) * h[1], h[1]),
-        ]
-        return shapely.Polygon([(a, HOUSE * b) for a, b in corners])
-
-    def _posts(self) -> tuple[float, float, float, float]:
-        """Return the places of the front pillar, the two posts between the side windows, and the glass's rear end."""
-        at, d = self.shell.house_side, self.design
-        pillar = float(self.shell.house_a(2.0)) - 0.055
-        return pillar, float(at(d.posts[0][0])), float(at(d.posts[1][0])), float(at(d.quarter[0]))
-
-    def _panes(self) -> dict[str, list[BaseGeometry]]:
-        """Return the daylight openings by part."""
-        shell, d = self.shell, self.design
-        frame, length = shell.house.domain, shell.house_length
-        pillar, post, second, quarter = self._posts()
-        low, high = 0.055, 0.86
-        margin, top = (0.085, 0.86) if d.hatch else (0.07, 0.95)
-        windscreen = shapely.box(float(shell.house_a(2.0)) + 0.055, 0.045 * HOUSE, length, 0.955 * HOUSE)
-        rear = shapely.box(0.0, 0.07 * HOUSE, float(shell.house_a(1.0)) - margin, top * HOUSE)
-        first = self._side_strip((pillar - 0.10, pillar - 0.012), (post + 0.045, post + 0.045), low, high)
-        panes = {
-            BODY: [rounded(windscreen, 0.05, frame), rounded(rear, 0.06, frame)],
-            FRONT_DOOR: [rounded(first, 0.025, frame)],
-            REAR_DOOR: [],
-        }
-        if d.panel_van:
-            return panes
-        ends = (quarter - 0.10, quarter + 0.10)
-        if self._has_quarter:
-            last = self._side_strip((second - 0.035, second - 0.035), ends, low, high)
-            panes[BODY].append(rounded(last, 0.03, frame))
-            ends = (second + 0.02, second + 0.02)
-        middle = self._side_strip((post - 0.045, post - 0.045), ends, low, high)
-        panes[REAR_DOOR].append(rounded(middle, 0.025, frame))
-        return panes
-
-    @property
-    def _has_quarter(self) -> bool:
-        """Return True if there is a third side window behind the doors."""
-        _, _, second, quarter = self._posts()
-        return not self.design.panel_van and second - quarter > 0.22
-
-    def _door_frames(self) -> dict[str, BaseGeometry]:
-        """Return the parts of the doors on the glass house."""
-        pillar, post, second, quarter = self._posts()
-        fixed = self._has_quarter or self.design.panel_van
-        ends = (second - 0.02, second - 0.02) if fixed else (quarter - 0.10, quarter + 0.03)
-        strips = {
-            FRONT_DOOR: self._side_strip((pillar, pillar + 0.055), (post, post), -0.1, 0.955),
-            REAR_DOOR: self._side_strip((post, post), ends, -0.1, 0.955),
-        }
-        return {name: strip.intersection(self.shell.house.domain) for name, strip in strips.items()}
-
-    def _blackened(self, panes: list[BaseGeometry]) -> BaseGeometry:
-        """Return posts, mirror triangle and seals around the panes."""
-        pillar, post, second, _ = self._posts()
-        pieces = [pane.buffer(0.013, quad_segs=4) for pane in panes]
-        pieces.append(self._side_strip((pillar, pillar), (pillar - 0.13, pillar - 0.13), 0.035, 0.40))
-        if not self.design.panel_van:
-            pieces.append(self._side_strip((post + 0.06, post + 0.06), (post - 0.06, post - 0.06), 0.035, 0.88))
-        if self._has_quarter:
-            pieces.append(self._side_strip((second + 0.03, second + 0.03), (second - 0.05, second - 0.05), 0.035, 0.88))
-        return shapely.union_all(pieces)
-
     def _house(self) -> None:
-        house, panes = self.shell.house, self._panes()
+        house, windows = self.shell.house, Windows(self.shell)
+        panes = windows.panes()
         every_pane = [pane for group in panes.values() for pane in group]
-        blank, black = shapely.union_all(every_pane), self._blackened(every_pane)
-        doors = self._door_frames()
+        blank, black = shapely.union_all(every_pane), windows.blackened(every_pane)
+        doors = windows.door_frames()
         openings = shapely.union_all(list(doors.values()))
         shapes = {name: shrunk(door, _GAP, house.domain) for name, door in doors.items()}
         shapes[BODY] = house.domain.difference(openings.buffer(_GAP))
+        if self.design.back == "open":  # only the frame of the windscreen
+            front = shapely.box(float(self.shell.house_a(2.0)) - 0.03, -1.0, 9.0, 0.99 * HOUSE)
+            shapes[BODY] = rounded(front.intersection(house.domain), 0.03, house.domain)
         for name, shape in shapes.items():
             bag = self.half.parts[name]
             frame = shape.difference(blank)
@@ -398,7 +373,7 @@ class Panels:
 
     def _roof(self) -> None:
         roof, both = self.shell.roof, self.half.both
-        both.add("paint", cut(roof, roof.domain).surface)
+        both.add(self.design.roof, cut(roof, roof.domain).surface)
         both.add("vehicle-trim", reversed_(cut(roof.coarse(2), roof.domain, offset=-0.035).surface))
 
 

@@ -378,6 +378,16 @@ class Shell:
         return self._detailed(top)
 
 
+def roof_place(shell: Shell, x: float, y: float) -> Floats:
+    """Return the point of the roof, (3,), at (x, y)."""
+    q = np.linspace(1.0, 2.0, 60)
+    edge = shell.roof_edge(q)
+    where = float(np.interp(y, edge[:, 1], q))
+    half = float(np.interp(y, edge[:, 1], edge[:, 0]))
+    at = np.array([[float(shell.house_a(where)), -DECK * min(abs(x) / half, 1.0)]])
+    return np.asarray(shell.roof.points(at)[0] * [np.sign(x), 1.0, 1.0])
+
+
 def _fall(share: Floats) -> Floats:
     """Return a smooth step from 0 at 0 to 1 from 1 on."""
     t = np.clip(share, 0.0, 1.0)

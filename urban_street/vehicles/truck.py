@@ -1,7 +1,8 @@
-"""A delivery truck with a tilt cab over the engine, a box body with rear doors, and twin rear wheels."""
+"""Trucks with a tilt cab over the engine, a box or a flat bed, and twin rear wheels."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -11,15 +12,18 @@ from urban_street.solids.rounded import bar, pillow, rod, rounded_outline, torus
 from urban_street.solids.surfaces import Bag, boxes, sheet
 from urban_street.vehicles.cars import wheels
 from urban_street.vehicles.content import RawPart
-from urban_street.vehicles.details import facing, number_plate
+from urban_street.vehicles.details import convex_mirror, facing, number_plate
 from urban_street.vehicles.hull import Hull, both_sides
 from urban_street.vehicles.interior import add_seat
 from urban_street.vehicles.skin import cut, mirrored_bag, reversed_
+from urban_street.vehicles.truck_cab import equip_cab
 from urban_street.vehicles.wheels import WheelSize
 
 LENGTH: Final = 7.40
 WIDTH: Final = 2.46
 HEIGHT: Final = 3.42
+#: Height without a box: that of the headboard behind the cab.
+FLAT_HEIGHT: Final = 2.43
 _CAB: Final = (1.98, 3.70)
 _BOX: Final = (-3.62, 1.86)
 _AXLES: Final = (2.52, -1.68)
@@ -27,10 +31,29 @@ _TYRE: Final = 0.405
 
 
 def build_truck() -> list[RawPart]:
-    """Build body (cab, box, chassis), two doors (1 left, 2 right) and wheels."""
+    """Build the truck of the first street, whose bits are kept; `build_box_truck` has what its cab lacks.
+
+    Its parts are body (cab, box, chassis), two doors (1 left, 2 right) and wheels.
+    """
     body = Bag()
-    doors = _cab(body)
-    _box(body)
+    return _with_chassis(body, _cab(body, _cab_inside), _box)
+
+
+def build_box_truck() -> list[RawPart]:
+    """Build a truck with a box; parts as in `build_truck`."""
+    body = Bag()
+    return _with_chassis(body, _cab(body, equip_cab, convex=True), _box)
+
+
+def build_flatbed_truck() -> list[RawPart]:
+    """Build a truck with a flat bed and low boards; parts as in `build_truck`."""
+    body = Bag()
+    return _with_chassis(body, _cab(body, equip_cab, convex=True, deflector=False), _flat_bed)
+
+
+def _with_chassis(body: Bag, doors: Bag, load: Callable[[Bag], None]) -> list[RawPart]:
+    """Add what is behind the cab, and return the parts."""
+    load(body)
     _chassis(body)
     parts = [RawPart("body", body)]
     for k, side in enumerate((-1, 1)):
@@ -40,7 +63,8 @@ def build_truck() -> list[RawPart]:
     return parts + wheels(WheelSize(_TYRE, 0.235, 0.245), "steel", 0.5 * WIDTH - 0.19, _AXLES, twin=True)
 
 
-def _cab(body: Bag) -> Bag:
+def _cab(body: Bag, inside: Callable[[Bag], None], *, convex: bool = False, deflector: bool = True) -> Bag:
+    """Add the cab, with its mirrors ``convex`` or flat, and return the right door."""
     width = 2.12
     hull = Hull(
         _CAB, width, (0.42, 2.36), corners=(0.10, 0.24),
@@ -78,16 +102,12 @@ def _cab(body: Bag) -> Bag:
     half.merge(hull.panel("vehicle-amber", blinker, depth=0.0, offset=0.004))
     hollow = hull.master.domain.difference(shapely.union_all([windscreen, pane, arch]))
     half.add("vehicle-trim", reversed_(cut(hull.master.coarse(2), hollow.simplify(0.02), offset=-0.05).surface))
-    half.merge(_mirrors(hull))
+    half.merge(_mirrors(hull, convex=convex))
     body.merge(both_sides(half))
     body.merge(hull.lid("paint", 0.06))
-    # Wind deflector.
-    body.add(
-        "paint",
-        bar(
-            np.array([(2.05, 2.34), (2.86, 2.37), (2.62, 2.62), (2.28, 2.92), (2.12, 2.98), (2.05, 2.96)]), -0.86, 0.86
-        ),
-    )
+    if deflector:
+        outline = np.array([(2.05, 2.34), (2.86, 2.37), (2.62, 2.62), (2.28, 2.92), (2.12, 2.98), (2.05, 2.96)])
+        body.add("paint", bar(outline, -0.86, 0.86))
     for x in (-0.62, 0.12):
         y = float(hull.master.points(np.array([[hull.length - abs(x), 1.28]]))[0, 1]) + 0.012
         body.add(
@@ -95,7 +115,7 @@ def _cab(body: Bag) -> Bag:
         )
     nose = float(hull.master.points(np.array([[hull.length, 0.55]]))[0, 1])
     body.merge(number_plate(), facing(np.array([0.0, nose + 0.012, 0.55]), front=True))
-    _cab_inside(body)
+    inside(body)
     doors = hull.panel("paint", door.difference(pane), gap=0.004, depth=0.05)
     doors.add("vehicle-interior", reversed_(cut(hull.master, door.difference(pane), offset=-0.05).surface))
     doors.merge(hull.panel("vehicle-glass", pane, depth=0.0, offset=-0.004))
@@ -116,7 +136,7 @@ def _step(z: float) -> Bag:
     return bag
 
 
-def _mirrors(hull: Hull) -> Bag:
+def _mirrors(hull: Hull, *, convex: bool) -> Bag:
     bag = Bag()
     for z, high in ((1.86, 0.20), (1.50, 0.11)):
         head = np.array([1.26, 3.40, z])
@@ -124,7 +144,13 @@ def _mirrors(hull: Hull) -> Bag:
             "vehicle-plastic",
             pillow((0.10, 0.05, high), squareness=0.4, sides=14, levels=7).moved(turned(0, 0.0, head)),
         )
-        bag.add("vehicle-mirror", boxes([head - [0.08, 0.054, high - 0.03]], [head + [0.08, -0.050, high - 0.03]]))
+        if convex:
+            bag.add(
+                "vehicle-mirror",
+                convex_mirror((0.084, 0.006, high - 0.022)).moved(turned(2, 6.0, head - [0.0, 0.049, 0.0])),
+            )
+        else:
+            bag.add("vehicle-mirror", boxes([head - [0.08, 0.054, high - 0.03]], [head + [0.08, -0.050, high - 0.03]]))
     foot = hull.half - 0.03
     bag.add(
         "vehicle-plastic",
@@ -187,6 +213,41 @@ def _box(body: Bag) -> None:
     )
     markers = [(x, y, low - 0.055) for y in np.linspace(y0 + 0.6, y1 - 0.5, 4) for x in (-half + 0.0, half - 0.02)]
     body.add("vehicle-amber", boxes(markers, np.array(markers) + [0.02, 0.11, 0.04]))
+
+
+def _flat_bed(body: Bag) -> None:
+    """Add a platform with drop sides, a headboard, and a load of pallets under a sheet."""
+    y0, y1 = _BOX
+    half, floor = 0.5 * WIDTH - 0.01, 1.14
+    body.add("vehicle-satin", boxes([[-half, y0, 1.02]], [[half, y1, floor]]))
+    sides = [((x, y0), (x + 0.03, y1)) for x in (-half, half - 0.03)] + [
+        ((-half, y), (half, y + 0.03)) for y in (y0, y1 - 0.03)
+    ]
+    body.add("vehicle-satin", boxes([[*low, floor] for low, _ in sides], [[*high, floor + 0.40] for _, high in sides]))
+    ribs = np.arange(y0 + 0.02, y1, 0.9)
+    posts = [[x, y, floor - 0.04] for y in ribs for x in (-half - 0.012, half - 0.02)]
+    body.add("vehicle-steel", boxes(posts, np.array(posts) + [0.032, 0.07, 0.46]))
+    body.add("paint", boxes([[-half, y1 - 0.05, floor]], [[half, y1, 2.30]]))
+    body.add(
+        "vehicle-steel",
+        *(rod([(x, y1 - 0.08, floor), (x, y1 - 0.08, 2.40)], 0.03, 8, caps=True) for x in (-1.0, 0.0, 1.0)),
+    )
+    body.add("vehicle-steel", rod([(-1.0, y1 - 0.08, 2.40), (1.0, y1 - 0.08, 2.40)], 0.03, 8, caps=True))
+    heights = (1.05, 0.72, 0.90)
+    for k, high in enumerate(heights):
+        y = y1 - 0.75 - 1.35 * k
+        body.add("vehicle-wood", boxes([[-1.0, y - 0.6, floor]], [[1.0, y + 0.6, floor + 0.14]]))
+        sheet_over = pillow((0.98, 0.58, 0.5 * high), squareness=0.16, sides=24, levels=9)
+        body.add("vehicle-sheet", sheet_over.moved(turned(0, 0.0, (0.0, y, floor + 0.14 + 0.5 * high))))
+        straps = [
+            bar(
+                rounded_outline(0.03, 0.5 * high + 0.006, 0.002, steps=1) + [y + a, floor + 0.14 + 0.5 * high],
+                -0.99,
+                0.99,
+            )
+            for a in (-0.28, 0.28)
+        ]
+        body.add("vehicle-amber", *straps)
 
 
 def _chassis(body: Bag) -> None:

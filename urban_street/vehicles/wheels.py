@@ -16,6 +16,11 @@ RIMS: Final = {
     "star": (7, 0.56, 0.26, False),
     "turbine": (9, 0.66, 0.44, False),
     "steel": (0, 0.0, 0.0, False),
+    "six": (6, 0.52, 0.36, False),
+    "mesh": (12, 0.40, 0.30, True),
+    "aero": (5, 0.98, 0.90, False),
+    "cover": (8, 0.74, 0.66, False),
+    "hub-cap": (0, 0.0, 0.0, False),
 }
 #: Transform from the z axis of a surface of revolution to the wheel's x.
 _UPRIGHT = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
