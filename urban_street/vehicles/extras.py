@@ -19,7 +19,10 @@ def _bars(bag: Bag, shell: Shell, places: tuple[float, ...], *, above: float = 0
     for y in places:
         bag.add("vehicle-satin", rod([(-half, y, top - 0.012), (half, y, top - 0.012)], 0.012, 8, caps=True))
         feet = [roof_place(shell, x, y) for x in (-half, half)]
-        bag.add("vehicle-plastic", *(rod([foot - [0, 0, 0.01], [foot[0], y, top - 0.012]], 0.016, 6) for foot in feet))
+        bag.add(
+            "vehicle-plastic",
+            *(rod([(*foot[:2], foot[2] - 0.01), (foot[0], y, top - 0.012)], 0.016, 6) for foot in feet),
+        )
     return top
 
 

@@ -93,4 +93,4 @@ def _steering_wheel(body: Bag) -> None:
     rim = torus(0.225, 0.017, 28, 8)
     hub = pillow((0.075, 0.065, 0.035), sides=14, levels=5)
     body.add("vehicle-interior", *(piece.moved(at) for piece in (rim, hub, *spokes)))
-    body.add("vehicle-interior", rod([at[:3, 3], (_DRIVER, 3.24, 1.10)], 0.05, 8))
+    body.add("vehicle-interior", rod([tuple(at[:3, 3]), (_DRIVER, 3.24, 1.10)], 0.05, 8))
