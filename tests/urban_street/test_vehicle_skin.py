@@ -8,8 +8,8 @@ import shapely
 
 from urban_street.solids.rounded import bar, pillow, rod, rounded_outline, torus, turned
 from urban_street.solids.surfaces import Surface
+from urban_street.vehicles.bodies import CARS
 from urban_street.vehicles.curves import PlanOutline, hermite, smooth
-from urban_street.vehicles.designs import CARS
 from urban_street.vehicles.hull import Hull
 from urban_street.vehicles.shell import Shell, shrunk
 from urban_street.vehicles.skin import Master, cut, flange, mirrored
