@@ -342,7 +342,7 @@ def test_a_server_that_cannot_render_says_so_and_the_rest_works(page: Page) -> N
 
 def test_a_busy_server_is_asked_for_the_preview_again(page: Page) -> None:
     problem = '{"title": "Busy", "detail": "the previews are busy"}'
-    busy = {"status": 503, "headers": {"Retry-After": "1"}, "body": problem}
+    busy = {"status": 503, "headers": {"Retry-After": "4"}, "body": problem}
     page.route("**/v1/preview?**", lambda route: route.fulfill(**busy), times=1)
     begin(page, f"name: one\nasset: {ASSET}\nrenderer: pyrender\nresolution: {{width: 64, height: 36}}\n")
     page.wait_for_selector("text=the previews are busy")

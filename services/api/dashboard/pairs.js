@@ -36,7 +36,6 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
   if (!sides.includes(state.before)) state.before = sides[0];
   // By default another run's results of the same function.
   if (!sides.includes(state.after)) state.after = sides.find((side) => side !== state.before && split(side)[1] === split(state.before)[1]) ?? sides.find((side) => side !== state.before) ?? state.before;
-  let chosen = Boolean(OUTCOMES[state.outcome]);
   // Sides of one run are named by their functions; of two runs, the second is the newer one.
   const labels = () => (sameRun() ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses`, lower: `${text(state.after)} lower`, higher: `${text(state.before)} lower` } : OUTCOMES);
   const element = h("div", { class: "stack wide-gap" });
@@ -48,27 +47,28 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
   const light = lightChoice(columns.get(SUN), state, refresh);
   const load = async () => {
     light.draw();
-    if (!chosen) state.outcome = "broken";
+    const chosen = Boolean(OUTCOMES[state.outcome]);
+    let outcome = chosen ? state.outcome : "broken";
     if (state.before === state.after) {
       put(element, "same", h("p", { class: "soft" }, sides.length < 2 ? "There is one function only. Explore two runs together, or a run of two functions, to compare them." : "Choose two different sides."));
       return;
     }
-    const ask = () => get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome, across: state.across })}`, { signal });
+    const ask = () => get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome, across: state.across })}`, { signal });
     let { comparison: one, differs, rows } = await ask();
     // Until somebody chooses: what the worse side misses alone, else where it is lower, else the first outcome that shows something.
     const worse = one.difference > 0 ? ["fixed", "higher"] : one.difference < 0 ? ["broken", "lower"] : [];
-    const shown = chosen ? state.outcome : [...worse, ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? state.outcome;
-    if (shown !== state.outcome) {
-      state.outcome = shown;
+    const shown = chosen ? outcome : [...worse, ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? outcome;
+    if (shown !== outcome) {
+      outcome = shown;
       ({ comparison: one, rows } = await ask());
     }
     const outcomes = h("div", { class: "segments", role: "group", "aria-label": "Outcome" }, Object.entries(labels()).map(([name, label]) =>
-      h("button", { type: "button", "aria-pressed": String(name === state.outcome), on: { click: () => { chosen = true; state.outcome = name; remember(); load(); } } }, `${label} `, h("span", { class: "number" }, count(one.outcomes[name])))));
+      h("button", { type: "button", "aria-pressed": String(name === outcome), on: { click: () => { state.outcome = name; remember(); load(); } } }, `${label} `, h("span", { class: "number" }, count(one.outcomes[name])))));
     const unmatched = one.rows[0] - one.matched;
     const crossed = (path) => state.across.includes(path);
     const across = one.held.length ? h("div", { class: "row" }, h("span", { class: "small soft" }, "Match across"), h("div", { class: "segments", role: "group", "aria-label": "Match across" }, one.held.map((path) =>
       h("button", { type: "button", title: "Each run holds it at a value of its own; persons match although it differs.", "aria-pressed": String(crossed(path)), on: { click: () => { state.across = crossed(path) ? state.across.filter((other) => other !== path) : [...state.across, path]; remember(); load(); } } }, titleOf(columns.get(path)))))) : null;
-    put(element, [one, state.outcome, state.across], across, verdict(one, text(state.before), text(state.after)), ofFrames(one), differing(differs), outcomes,
+    put(element, [one, outcome, state.across], across, verdict(one, text(state.before), text(state.after)), ofFrames(one), differing(differs), outcomes,
       h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
       one.pairs.length ? [errorLegend(), pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) }))] : h("p", { class: "soft" }, one.matched ? `No person: ${labels()[state.outcome].toLowerCase()}.` : "No person of one side has a partner on the other."));
   };
