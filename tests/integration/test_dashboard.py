@@ -392,8 +392,12 @@ def test_which_of_two_networks_is_worse_at_dusk_is_answered_with_pictures_four_c
     page.wait_for_selector("[data-tab=compare]:focus")
     assert page.locator("[data-tab=compare]").bounding_box()["y"] < 200, "the head of the comparison is at the top"
     page.wait_for_selector("text=/pooled precision [^,]* points.*, pooled IoU .* points.*; no interval/")
+    matched = page.locator("text=/persons matched/").first.inner_text()
     click("button:text-is('Dusk')")
     page.wait_for_selector(".brush:has-text('Sun elevation')")
+    page.wait_for_function(
+        "(all) => !document.body.innerText.includes(all)", arg=matched
+    )  # the verdict is that of dusk
     worse = page.locator("[aria-label=Rows] p strong").first.inner_text().split()[0]
     page.wait_for_selector(f"[aria-label=Outcome] [aria-pressed=true]:has-text('Only {worse} misses')")
     click(".pair a")

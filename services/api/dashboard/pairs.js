@@ -70,7 +70,7 @@ export function comparisonPanel({ get, signal, query, state, runs, runName, abou
       h("button", { type: "button", title: "Each run holds it at a value of its own; persons match although it differs.", "aria-pressed": String(crossed(path)), on: { click: () => { state.across = crossed(path) ? state.across.filter((other) => other !== path) : [...state.across, path]; remember(); load(); } } }, titleOf(columns.get(path)))))) : null;
     put(element, [one, outcome, state.across], across, verdict(one, text(state.before), text(state.after)), ofFrames(one), differing(differs), outcomes,
       h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
-      one.pairs.length ? [errorLegend(), pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) }))] : h("p", { class: "soft" }, one.matched ? `No person: ${labels()[state.outcome].toLowerCase()}.` : "No person of one side has a partner on the other."));
+      one.pairs.length ? [errorLegend(), pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: () => text(state.before), after: () => text(state.after) }))] : h("p", { class: "soft" }, one.matched ? `No person: ${labels()[outcome].toLowerCase()}.` : "No person of one side has a partner on the other."));
   };
   return { element, tools: [light.element, choice("before", "From"), choice("after", "to")].filter(Boolean), load };
 }
