@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 from PIL import Image, ImageDraw, ImageFont
@@ -10,6 +11,8 @@ from PIL import Image, ImageDraw, ImageFont
 _FONT_SIZE: Final = 14
 _CAPTION: Final = 22
 _GAP: Final = 4
+#: Largest size of a saved sheet in bytes.
+LARGEST: Final = 300_000
 
 
 def captioned(content: Image.Image | str, size: tuple[int, int], caption: str) -> Image.Image:
@@ -35,3 +38,11 @@ def contact_sheet(tiles: Sequence[Image.Image], columns: int) -> Image.Image:
     for number, tile in enumerate(tiles):
         sheet.paste(tile, (number % columns * (width + _GAP), number // columns * (height + _GAP)))
     return sheet
+
+
+def save_sheet(sheet: Image.Image, path: Path) -> None:
+    """Write a sheet in the best quality within `LARGEST`."""
+    for quality in range(90, 40, -5):
+        sheet.save(path, quality=quality, optimize=True, progressive=True)
+        if path.stat().st_size <= LARGEST:
+            return

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from PIL import Image
 
-from tools.contact_sheet import captioned, contact_sheet
+from tools.contact_sheet import captioned, contact_sheet, save_sheet
 from urban_street.signs.faces import MIDDLE_M, face_materials, face_textures, faces, plate
 from urban_street.solids.surfaces import Bag, pose, quads
 from urban_street.street.foliage import build_clustered_tree, clad
@@ -29,8 +29,6 @@ from valerie.sensing.settings import SensorSetting
 
 OUT: Final = Path(__file__).parents[1] / "docs" / "images"
 TREE: Final = (236, 250)
-#: Largest size of a sheet in bytes.
-LARGEST: Final = 300_000
 _SETTINGS: Final = StreetSettings()
 #: Kinds that look different in other seasons.
 _SEASONS: Final[tuple[tuple[str, Season], ...]] = (
@@ -48,8 +46,8 @@ def main() -> None:
         )
     )
     tiles += [_tree(engine, kind, season) for kind, season in _SEASONS]
-    _save(contact_sheet(tiles, 6), OUT / "trees.jpg")
-    _save(_signs(engine), OUT / "signs.jpg")
+    save_sheet(contact_sheet(tiles, 6), OUT / "trees.jpg")
+    save_sheet(_signs(engine), OUT / "signs.jpg")
     engine.close()
 
 
@@ -107,14 +105,6 @@ def _signs(engine: RasterRenderer) -> Image.Image:
             Node(f"scene.traffic-sign-{k + 1}", pose(x, -0.1, z, math.pi * (k == len(names) - 1)), plate(name), 20)
         )
     return _picture(engine, nodes, (0.0, -14.0, 0.0), 0.0, 33.0, (1440, round(1440 * rows / columns)))
-
-
-def _save(sheet: Image.Image, path: Path) -> None:
-    """Write the sheet in the best quality within `LARGEST`."""
-    for quality in range(90, 40, -5):
-        sheet.save(path, quality=quality, optimize=True, progressive=True)
-        if path.stat().st_size <= LARGEST:
-            return
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from PIL import Image
 
-from tools.contact_sheet import captioned, contact_sheet
+from tools.contact_sheet import captioned, contact_sheet, save_sheet
 from urban_street.human import CHARACTERS
 from urban_street.human.stances import DEFAULT, POSES
 from urban_street.pedestrians import Crowd, PersonPlace, aid_classes
@@ -35,8 +35,6 @@ OUT: Final = Path(__file__).parents[1] / "docs" / "images" / "people.jpg"
 TILE: Final = (150, 236)
 LARGE: Final = (300, 460)
 ACROSS: Final = 11
-#: Largest size of the sheet in bytes.
-LARGEST: Final = 300_000
 #: Distance of the camera, metres, the height that a tile shows, and the height of its middle.
 _AWAY: Final = 9.0
 _SHOWN: Final = 2.15
@@ -113,7 +111,7 @@ def closer(engine: RasterRenderer, words: list[str]) -> Iterator[Image.Image]:
 
 
 def main() -> None:
-    """Write the sheet in the best quality within `LARGEST`, or the larger pictures."""
+    """Write the sheet, or the larger pictures."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--of", nargs="*", default=[], metavar="CHARACTER[/POSE[/CARRIES]]")
     parser.add_argument("--out", type=Path, default=OUT)
@@ -126,10 +124,7 @@ def main() -> None:
         sheet = contact_sheet(list(everybody(engine)), ACROSS)
     finally:
         engine.close()
-    for quality in range(90, 40, -4):
-        sheet.save(options.out, quality=quality, optimize=True)
-        if options.out.stat().st_size <= LARGEST:
-            break
+    save_sheet(sheet, options.out)
 
 
 if __name__ == "__main__":

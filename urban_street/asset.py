@@ -33,7 +33,7 @@ from pydantic import Field
 from urban_street.pedestrians import PLACES
 from urban_street.site import CameraPlace, Pack, Site, draw_season, nearest_cars, numbered, picked
 from urban_street.street.layout import layout_street
-from urban_street.street.plan import StreetSettings
+from urban_street.street.plan import PEOPLE_Y, StreetSettings
 from urban_street.traffic_places import UNTRAINED, WAITING, traffic
 from urban_street.varied_houses import varied_houses, ways
 from valerie.scene.assets.asset import AssetArguments, PackSettings
@@ -44,8 +44,8 @@ CAMERAS: Final = {
     "camera-2": CameraPlace((0.6, -12.0, 1.3), 358.0, 0.0),
     "camera-3": CameraPlace((4.6, -12.0, 2.2), 2.5, -1.0),
 }
-#: Number of parked cars with parameters, and the place along the street to which they are nearest, metres.
-_PARKED, _PEOPLE_Y = 3, 18.0
+#: Number of parked cars with parameters: those nearest to the places of people.
+_PARKED: Final = 3
 
 
 class Settings(StreetSettings, PackSettings):
@@ -66,7 +66,7 @@ def site(settings: Settings) -> Site:
         people=numbered(PLACES[: settings.persons]),
         vehicles=traffic(layout),
         waiting=WAITING,
-        parked=nearest_cars(layout, _PARKED, _PEOPLE_Y),
+        parked=nearest_cars(layout, _PARKED, PEOPLE_Y),
         houses=tuple(varied_houses(layout)),
         ways=tuple(ways(layout)),
         untrained=UNTRAINED,

@@ -19,7 +19,7 @@ from urban_street.human.stances import GAITS
 from urban_street.human.townspeople import TOWNSPEOPLE
 from urban_street.odd import with_meaning
 from urban_street.pedestrians import PEOPLE_REACH, PERSON_RADIUS_M, Crowd, PersonPlace, aid_classes, person_parameters
-from urban_street.street.plan import Placement, Season, StreetLayout
+from urban_street.street.plan import Placement, Season, StreetLayout, nearest
 from urban_street.street.shapes import DEFAULT_PHASE, PHASES, Signals
 from urban_street.traffic_places import (
     VEHICLE_REACH,
@@ -165,8 +165,7 @@ def numbered(people: tuple[PersonPlace, ...]) -> dict[str, PersonPlace]:
 
 def nearest_cars(layout: StreetLayout, count: int, y: float) -> tuple[Placement, ...]:
     """Return the ``count`` parked cars that are nearest to a place along the street, nearest first."""
-    cars = [placement for placement in layout.placements if placement.object_class == "car"]
-    return tuple(sorted(cars, key=lambda car: (abs(car.y - y), car.path))[:count])
+    return tuple(nearest((item for item in layout.placements if item.object_class == "car"), count, y))
 
 
 def _manifest(site: Site) -> Manifest:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from urban_street.street.plan import (
+    PEOPLE_Y,
     SIDE_HALF,
     SIDE_LENGTH,
     Placement,
@@ -23,7 +24,6 @@ from valerie.scene.assets.manifest import Footprint
 
 #: Number of houses with parameters on each side: those nearest to the places of people.
 _EACH_SIDE: Final = 3
-_PEOPLE_Y: Final = 18.0
 #: Limits of the changes: metres forward and back, metres to both sides, degrees to both sides, smallest and largest size.
 _FORWARD_M, _BACK_M, _ALONG_M, _TURN_DEG = 1.0, 3.0, 2.0, 6.0
 _SIZES: Final = (0.85, 1.1)
@@ -40,7 +40,7 @@ def varied_houses(layout: StreetLayout) -> list[Placement]:
             for house in layout.placements
             if house.object_class == "building" and house.heading == heading and abs(house.x - fronts) < 5.0
         ]
-        nearest = sorted(row, key=lambda house: (abs(_middle(house) - _PEOPLE_Y), house.path))[:_EACH_SIDE]
+        nearest = sorted(row, key=lambda house: (abs(_middle(house) - PEOPLE_Y), house.path))[:_EACH_SIDE]
         houses += sorted(nearest, key=layout.placements.index)
     return houses
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from urban_street.signs.faces import LIKE_DRAWN, face_materials, face_textures, faces, plate
-from urban_street.street.plan import Placement, StreetLayout
+from urban_street.street.plan import PEOPLE_Y, Placement, StreetLayout, nearest
 from valerie.parameters.declaring import choice
 from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.assets.attributes import ABSENT
@@ -17,15 +17,13 @@ from valerie.scene.graph.model import Material, Node, Texture
 
 #: Number of signs with parameters: those nearest to the places of people.
 _COUNT: Final = 4
-_PEOPLE_Y: Final = 18.0
 
 
 def varied_signs(layout: StreetLayout) -> list[Placement]:
     """Return the signs with a parameter, nearest to the people first; none if the street draws its faces itself."""
     if layout.settings.signs == "drawn":
         return []
-    signs = [placement for placement in layout.placements if placement.kind == "face"]
-    return sorted(signs, key=lambda sign: (abs(sign.y - _PEOPLE_Y), sign.path))[:_COUNT]
+    return nearest((placement for placement in layout.placements if placement.kind == "face"), _COUNT, PEOPLE_Y)
 
 
 def sign_parameters(sign: Placement) -> Iterator[ParameterDefinition]:

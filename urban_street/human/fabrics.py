@@ -15,6 +15,7 @@ from urban_street.human.textures import (
     line,
     noise,
     seam,
+    trunk_grid,
     weave,
 )
 
@@ -35,9 +36,7 @@ def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") ->
     """Paint a T-shirt or jersey, ribbed at neck and cuffs: plain, striped across, or with a band around the chest."""
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(colour)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     if pattern == "stripes":
         canvas.paint(
             other, np.clip(6.0 * (np.sin(np.where(trunk, height * 12.0, v * 22.0) * 2.0 * np.pi) - 0.2), 0.0, 1.0)
@@ -58,9 +57,7 @@ def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> TextureCanvas
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.22)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     ribs = np.sin(u * 2.0 * np.pi * 90.0)
     arm = (v - SLEEVE_START) / (1.0 - SLEEVE_START)
     edge = (trunk & (height > 0.92)) | ((v > SLEEVE_START) & (arm > 0.88))
@@ -80,9 +77,7 @@ def coat(colour: Colour, button: Colour, seed: int, *, belt: bool = False) -> Te
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.2)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     front = np.abs(u - 0.5)
     lapel = (front < 0.07 * (1.0 - height / 0.42)) & (height < 0.42) & trunk
     canvas.height += 1.8 * lapel
@@ -170,9 +165,7 @@ def suit(colour: Colour, shirt: Colour, tie: Colour, seed: int) -> TextureCanvas
     """Paint a jacket with lapels over a shirt and a tie, two buttons, a breast pocket and flaps."""
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(colour)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     front = np.abs(u - 0.5)
     opening = 0.062 * np.clip(1.0 - height / 0.46, 0.0, 1.0)
     inside = (front < opening) & trunk
@@ -205,9 +198,7 @@ def vest(colour: Colour, band: Colour, seed: int) -> TextureCanvas:
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.03, relief=0.10)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     front = np.abs(u - 0.5)
     behind = np.minimum(u, 1.0 - u)
     for place in (0.60, 0.82):
@@ -222,9 +213,7 @@ def vest(colour: Colour, band: Colour, seed: int) -> TextureCanvas:
 def cardigan(colour: Colour, under: Colour, seed: int) -> TextureCanvas:
     """Paint an open-necked cardigan with buttons over a blouse or shirt, ribbed at hem and cuffs."""
     canvas = sweater(colour, seed)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     front = np.abs(u - 0.5)
     opening = 0.048 * np.clip(1.0 - height / 0.36, 0.0, 1.0)
     canvas.paint(under, 1.0 * ((front < opening) & trunk))
@@ -242,9 +231,7 @@ def denim_jacket(colour: Colour, thread: Colour, seed: int) -> TextureCanvas:
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.08, relief=0.14)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     front = np.abs(u - 0.5)
     canvas.shade(1.0 + 0.05 * np.sin((u + v) * 2.0 * np.pi * 128.0))
     canvas.shade(1.0 + 0.22 * line(front - 0.11, 0.06) * line(height - 0.5, 0.3) * trunk)
@@ -284,9 +271,7 @@ def sari(blouse_colour: Colour, cloth: Colour, border: Colour, seed: int) -> Tex
     """Paint a short blouse under the end of a sari, which runs from the right hip over the left shoulder and down the back."""
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(blouse_colour)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, _, trunk, height = trunk_grid()
     # u grows to the right: in front, the upper edge rises from the right hip (u 0.75) to the left shoulder (u 0.40).
     edge = np.interp(
         u, [0.0, 0.12, 0.25, 0.32, 0.42, 0.56, 0.75, 0.86, 1.0], [0.30, 0.0, 0.0, 0.0, 0.06, 0.36, 0.86, 0.80, 0.30]

@@ -67,6 +67,12 @@ def grid(size: int = SIZE) -> tuple[Field, Field]:
     return np.tile(line, (size, 1)), np.tile(line[:, None], (1, size))
 
 
+def trunk_grid() -> tuple[Field, Field, NDArray[np.bool_], Field]:
+    """Return u and v of a garment's texels, where its trunk is, and the share of the trunk's height, from the neck down."""
+    u, v = grid()
+    return u, v, v < TRUNK_SHARE, v / TRUNK_SHARE
+
+
 def noise(random: np.random.Generator, sigma: tuple[float, float], size: int = SIZE) -> Field:
     """Return smooth periodic noise of unit variance; ``sigma`` in texels down and across."""
     field = ndimage.gaussian_filter(random.normal(size=(size, size)), sigma, mode="wrap")
@@ -103,9 +109,7 @@ def jacket(colour: Colour, metal: Colour, seed: int) -> TextureCanvas:
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.16)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     front = np.abs(u - 0.5)
     canvas.height += 2.5 * (line(front - 0.016, 0.010)) * trunk  # the flaps beside the zip
     canvas.paint((12, 12, 13), 0.8 * line(front, 0.004) * trunk)
@@ -132,9 +136,7 @@ def shirt(colour: Colour, button: Colour, seed: int) -> TextureCanvas:
     random = np.random.default_rng(seed)
     canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.035, relief=0.10)
-    u, v = grid()
-    trunk = v < TRUNK_SHARE
-    height = v / TRUNK_SHARE
+    u, v, trunk, height = trunk_grid()
     front = np.abs(u - 0.5)
     canvas.height += 0.9 * (front < 0.017) * trunk
     seam(canvas, front - 0.017, trunk, dark=0.22, width=0.0025)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -242,6 +243,15 @@ class StreetLayout:
     def lines(self) -> StreetLines:
         """Return the lines of its kerbs, fronts and ends."""
         return lines_of(self.settings)
+
+
+#: The middle of the places of people, metres along the street.
+PEOPLE_Y: Final = 18.0
+
+
+def nearest(placements: Iterable[Placement], count: int, y: float) -> list[Placement]:
+    """Return the ``count`` objects that are nearest to a place along the street, nearest first."""
+    return sorted(placements, key=lambda placement: (abs(placement.y - y), placement.path))[:count]
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:

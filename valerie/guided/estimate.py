@@ -397,11 +397,9 @@ class Estimate:
             fourths = np.array([((values - values.mean()) ** 4).mean() for values in of_batch])
             foreseen = _by_number(told, [draws.known_variance for draws, _ in told])
             guided = foreseen > 0
-            if guided.any():
-                seen = float((sizes * squares)[guided].sum() / (sizes * foreseen)[guided].sum())
-                least = np.maximum(squares, min(seen, 1.0) * foreseen)
-            else:
-                least = squares
+            known = float((sizes * foreseen).sum())
+            seen = float((sizes * squares)[guided].sum()) / known if known else 0.0
+            least = np.maximum(squares, min(seen, 1.0) * foreseen)
             variance = pooled * estimate * (1 - estimate) + float((batch**2 * least / sizes).sum())
             noise = float(((batch**2 / sizes) ** 2 * (fourths - squares**2) / sizes).sum())
             freedom = max(2 * variance**2 / noise, 4.0) if noise > 0 else 4.0

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .nodes import Nodes
+from .nodes import Nodes, new_group
 from .pipe import ByName, Message
 from .snow import snow_group
 
@@ -138,11 +138,7 @@ class Materials:
 
 def _air_group(data: Any) -> Any:
     """Return the node group that fades a surface into the haze before it: transmittance exp(−extinction · distance)."""
-    group = data.node_groups.new("air", "ShaderNodeTree")
-    group.interface.new_socket("surface", in_out="INPUT", socket_type="NodeSocketShader")
-    group.interface.new_socket("surface", in_out="OUTPUT", socket_type="NodeSocketShader")
-    nodes = Nodes(group)
-    source, result = nodes.add("NodeGroupInput"), nodes.add("NodeGroupOutput")
+    group, nodes, source, result = new_group(data, "air", {"surface": "Shader"}, {"surface": "Shader"})
     extinction = nodes.add("ShaderNodeValue", "extinction")
     haze = nodes.add("ShaderNodeEmission", "haze")
     distance = nodes.add("ShaderNodeCameraData").outputs["View Distance"]
@@ -150,7 +146,7 @@ def _air_group(data: Any) -> Any:
     hidden = nodes.math("SUBTRACT", 1.0, clear)
     camera_ray = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
     share = nodes.math("MULTIPLY", hidden, camera_ray)
-    nodes.link(nodes.mixed(share, source.outputs[0], haze.outputs[0]), result.inputs[0])
+    nodes.link(nodes.mixed(share, source[0], haze.outputs[0]), result[0])
     return group
 
 
@@ -160,14 +156,10 @@ def _water_group(data: Any) -> Any:
     Pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278). The film is smooth, fills the relief
     and reflects like water. It lies in puddles and patches a metre or two wide.
     """
-    group = data.node_groups.new("water", "ShaderNodeTree")
     sockets = {"Base Color": "Color", "Roughness": "Float", "Specular IOR Level": "Float"}
-    for name, kind in {**sockets, "Metallic": "Float"}.items():
-        group.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
-    for name, kind in {**sockets, "Relief": "Float"}.items():
-        group.interface.new_socket(name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
-    nodes = Nodes(group)
-    source, result = nodes.add("NodeGroupInput").outputs, nodes.add("NodeGroupOutput").inputs
+    group, nodes, source, result = new_group(
+        data, "water", {**sockets, "Metallic": "Float"}, {**sockets, "Relief": "Float"}
+    )
     geometry = nodes.add("ShaderNodeNewGeometry").outputs
     up, at = nodes.add("ShaderNodeSeparateXYZ"), nodes.add("ShaderNodeSeparateXYZ")
     nodes.link(geometry["Normal"], up.inputs[0])

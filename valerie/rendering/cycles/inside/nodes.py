@@ -108,3 +108,13 @@ class Nodes:
                 target.default_value = operand
             else:
                 self.link(operand, target)
+
+
+def new_group(data: Any, name: str, inputs: dict[str, str], outputs: dict[str, str]) -> tuple[Any, Nodes, Any, Any]:
+    """Return a new node group, its nodes, and the sockets that it gets and gives; ``inputs`` and ``outputs`` are name to kind."""
+    group = data.node_groups.new(name, "ShaderNodeTree")
+    for way, sockets in (("INPUT", inputs), ("OUTPUT", outputs)):
+        for socket, kind in sockets.items():
+            group.interface.new_socket(socket, in_out=way, socket_type=f"NodeSocket{kind}")
+    nodes = Nodes(group)
+    return group, nodes, nodes.add("NodeGroupInput").outputs, nodes.add("NodeGroupOutput").inputs

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .nodes import Nodes
+from .nodes import Nodes, new_group
 
 #: Wavelengths of the patches, metres, and their weights, as in the raster engine (``lying.glsl``).
 _PATCHES = ((1.6, 0.36), (0.4, 0.27), (0.1, 0.2), (0.03, 0.17))
@@ -19,14 +19,10 @@ def snow_group(data: Any) -> Any:
 
     The share that snow covers is tanh(depth / 25 mm). Traffic compacts it, and keeps polished tracks bare and damp.
     """
-    group = data.node_groups.new("snow", "ShaderNodeTree")
     sockets = {"Base Color": "Color", "Roughness": "Float", "Specular IOR Level": "Float", "Metallic": "Float"}
-    for name, kind in {**sockets, "Traffic": "Float"}.items():
-        group.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
-    for name, kind in {**sockets, "Relief": "Float"}.items():
-        group.interface.new_socket(name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
-    nodes = Nodes(group)
-    source, result = nodes.add("NodeGroupInput").outputs, nodes.add("NodeGroupOutput").inputs
+    group, nodes, source, result = new_group(
+        data, "snow", {**sockets, "Traffic": "Float"}, {**sockets, "Relief": "Float"}
+    )
     geometry = nodes.add("ShaderNodeNewGeometry").outputs
     up, channels = nodes.add("ShaderNodeSeparateXYZ"), nodes.add("ShaderNodeSeparateColor")
     nodes.link(geometry["Normal"], up.inputs[0])

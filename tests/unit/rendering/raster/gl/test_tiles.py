@@ -9,6 +9,15 @@ from valerie.rendering.raster.gl.tiles import TILE, Area, TileGrid, widened
 #: Sides that are no multiples of a tile: the last column and row are cut off.
 GRID = TileGrid(View("camera-1", 5 * TILE + 3, 3 * TILE + 1))
 
+#: A seed, and a part that begins anywhere and may reach beyond the grid.
+SOMEWHERE = given(
+    seed=st.integers(0, 2**32 - 1),
+    x=st.integers(0, GRID.width - 1),
+    y=st.integers(0, GRID.height - 1),
+    width=st.integers(1, GRID.width),
+    height=st.integers(1, GRID.height),
+)
+
 
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0, 1))
 def test_spans_cover_the_pixels_of_the_tiles_once_and_no_others(seed: int, share: float) -> None:
@@ -20,13 +29,7 @@ def test_spans_cover_the_pixels_of_the_tiles_once_and_no_others(seed: int, share
     np.testing.assert_array_equal(painted == 1, GRID.pixels(mask, Area(0, 0, GRID.width, GRID.height)))
 
 
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    x=st.integers(0, GRID.width - 1),
-    y=st.integers(0, GRID.height - 1),
-    width=st.integers(1, GRID.width),
-    height=st.integers(1, GRID.height),
-)
+@SOMEWHERE
 def test_the_tiles_that_hold_a_true_pixel_are_found_wherever_the_part_begins(
     seed: int, x: int, y: int, width: int, height: int
 ) -> None:
@@ -37,13 +40,7 @@ def test_the_tiles_that_hold_a_true_pixel_are_found_wherever_the_part_begins(
     np.testing.assert_array_equal(GRID.holding(part, x, y), expected)
 
 
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    x=st.integers(0, GRID.width - 1),
-    y=st.integers(0, GRID.height - 1),
-    width=st.integers(1, GRID.width),
-    height=st.integers(1, GRID.height),
-)
+@SOMEWHERE
 def test_a_copy_takes_the_bits_of_the_pixels_in_tiles_of_the_mask_and_no_others(
     seed: int, x: int, y: int, width: int, height: int
 ) -> None:
