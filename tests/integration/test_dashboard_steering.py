@@ -20,7 +20,7 @@ from tests.world.world import settings_of
 from valerie.runs.resolving.spec import parse
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Page, Route
 
 pytestmark = [pytest.mark.browser, pytest.mark.processes, pytest.mark.gl, pytest.mark.timeout(600)]
 #: Time for the first preview of a street on a busy machine, milliseconds.
@@ -157,6 +157,22 @@ def test_text_and_form_are_one_document_and_comments_stay(page: Page) -> None:
     page.reload()
     page.wait_for_selector(".facts.plan")
     assert page.input_value("#spec").startswith("name: one  # mine"), "a reload loses nothing"
+
+
+def test_an_answer_that_arrives_while_a_field_is_selected_leaves_it_selected(page: Page) -> None:
+    begin(page, f"name: one\nasset: {ASSET}\nvary:\n  person-1.pos.x: {{homogeneous: {{from: 0, to: 2, step: 1}}}}\n")
+    page.wait_for_selector("[id='p-person-1.pos.x-step']")
+    held: list[Route] = []
+    page.route("**/v1/draft", lambda route: held.append(route), times=1)
+    fill(page, "p-person-1.pos.x-minimum", "1")  # Tab selects the next field
+    page.wait_for_function("() => document.activeElement.id === 'p-person-1.pos.x-maximum'")
+    old = page.query_selector("[id='p-person-1.pos.x-maximum']")
+    held[0].continue_()
+    page.wait_for_function("old => !old.isConnected", arg=old)
+    page.keyboard.type("5")
+    assert page.input_value("[id='p-person-1.pos.x-maximum']") == "5"
+    page.keyboard.press("Tab")
+    page.wait_for_function("() => document.querySelector('#spec').value.includes('to: 5')")
 
 
 def test_sensors_and_requirements_are_written_by_the_form_and_read_from_the_text_and_posted_as_shown(

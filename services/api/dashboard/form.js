@@ -63,7 +63,9 @@ export function specForm({ change, catalog }) {
       later = edited ? [draft, asset, problems] : null;
       if (later) return;
       shown = { draft, asset };
-      const focused = document.activeElement?.id;
+      const focused = document.activeElement;
+      const range = focused?.type === "text" ? [focused.selectionStart, focused.selectionEnd] : null;
+      const whole = range?.[0] === 0 && range[1] === focused.value.length;
       const { fields } = draft;
       put(general, [fields, asset?.digest, catalog, [...problems]], generalFields(fields, asset, catalog, change, problems));
       put(sensors, [fields.sensors, [...problems]], sensorFields(fields.sensors, catalog.sensor, change, problems));
@@ -75,7 +77,10 @@ export function specForm({ change, catalog }) {
       rows.hidden = adding.hidden = draft.several_blocks;
       blocks.hidden = !draft.several_blocks;
       offer();
-      if (focused && document.activeElement?.id !== focused) element.querySelector(`#${CSS.escape(focused)}`)?.focus({ preventScroll: true });
+      if (!focused?.id || document.activeElement === focused) return;
+      const again = element.querySelector(`#${CSS.escape(focused.id)}`); // the field that replaces it
+      again?.focus({ preventScroll: true });
+      if (range && again?.type === "text") again.setSelectionRange(...(whole ? [0, again.value.length] : range)); // what is typed next replaces it
     },
   };
   return form;
