@@ -18,6 +18,9 @@ const INPUTS = {
 
 const names = (parameter) => new Set([parameter.name, parameter.path]);
 
+// The selected range of a field with text; null of any other element.
+const textRange = (field) => (field?.selectionStart == null ? null : [field.selectionStart, field.selectionEnd]);
+
 export function specForm({ change, catalog }) {
   const general = h("div", { class: "fields" });
   const rows = h("div", { class: "parameters" });
@@ -64,7 +67,7 @@ export function specForm({ change, catalog }) {
       if (later) return;
       shown = { draft, asset };
       const focused = document.activeElement;
-      const range = focused?.type === "text" ? [focused.selectionStart, focused.selectionEnd] : null;
+      const range = textRange(focused);
       const whole = range?.[0] === 0 && range[1] === focused.value.length;
       const { fields } = draft;
       put(general, [fields, asset?.digest, catalog, [...problems]], generalFields(fields, asset, catalog, change, problems));
@@ -80,7 +83,7 @@ export function specForm({ change, catalog }) {
       if (!focused?.id || document.activeElement === focused) return;
       const again = element.querySelector(`#${CSS.escape(focused.id)}`); // the field that replaces it
       again?.focus({ preventScroll: true });
-      if (range && again?.type === "text") again.setSelectionRange(...(whole ? [0, again.value.length] : range)); // what is typed next replaces it
+      if (range && textRange(again)) again.setSelectionRange(...(whole ? [0, again.value.length] : range)); // what is typed next replaces it
     },
   };
   return form;
