@@ -71,9 +71,11 @@ class Cube:
         missing, tried = count, 0
         while missing > 0:
             points = rng.random((max(missing, min(_TRIES, 2 * count)), self.dimensions))
-            tried += len(points)
-            drawn.append(points[self.legal(points)][:missing])
-            missing -= len(drawn[-1])
+            while missing > 0 and len(points):  # legality costs most, so only as many points are tried as needed
+                some, points = points[:missing], points[missing:]
+                tried += len(some)
+                drawn.append(some[self.legal(some)])
+                missing -= len(drawn[-1])
             if tried * LEAST_LEGAL > max(count - missing, 1):
                 raise InvalidInput(
                     "hardly any variant is legal",
