@@ -103,6 +103,18 @@ def test_a_batch_is_accepted_with_another_size_and_its_outcomes_are_counted(
     assert page.locator(f"a[href='#/runs/{run}']").is_visible()
 
 
+def test_a_phone_names_every_total_of_the_batches(world: DrawnWorld, api: httpx.Client, page: Page) -> None:
+    page.set_viewport_size({"width": 400, "height": 800})
+    begin(api, "totals")
+    world.step()
+    world.step()
+    page.reload()
+    page.click("text=totals")
+    page.wait_for_selector(".batches tr.all")
+    labels = page.locator(".batches tr.all td").evaluate_all("cells => cells.map((cell) => cell.dataset.label)")
+    assert labels == ["Fail", "Pass", "Undefined", "Rejected", "CPU"]
+
+
 def test_a_paused_study_says_why_and_goes_on(world: DrawnWorld, api: httpx.Client, page: Page) -> None:
     study = begin(api, "interrupted")
     world.loop.tick(everything=True)
@@ -127,6 +139,8 @@ def test_a_study_is_written_planned_refused_in_place_and_started(
     assert template == api.get("/v1/studies/template").json()["text"]
     assert parse_study(template).name == "my-first-study"
     assert page.locator("button:text-is('Start')").is_disabled()
+    heights = [page.locator(part).bounding_box() for part in ("#spec", ".numbers")]
+    assert len({box["height"] for box in heights if box}) == 1, "every line that is shown has its number"
     text = template.replace("asset: urban-street", f"asset: {ASSET}").replace(
         "black-outfit, yellow-shirt", ", ".join(CHARACTERS)
     )

@@ -31,7 +31,14 @@ export function put(element, key, ...children) {
 const MANY = 4;
 
 export function table(head, rows, { caption } = {}) {
-  for (const row of rows.flat()) for (const [k, cell] of [...row.children].entries()) if (!cell.colSpan || cell.colSpan === 1) cell.dataset.label = head[k]?.text ?? head[k] ?? "";
+  for (const row of rows.flat()) {
+    let k = 0;
+    for (const cell of row.children) {
+      const columns = cell.colSpan || 1;
+      if (columns === 1) cell.dataset.label = head[k]?.text ?? head[k] ?? "";
+      k += columns;
+    }
+  }
   return h("div", { class: `scroll${head.length > MANY ? " many" : ""}`, tabindex: "0", role: "region", "aria-label": caption ?? "Table" },
     h("table", {}, h("thead", {}, h("tr", {}, head.map((one) => (one === "" ? h("td", {}) : h("th", { scope: "col", class: one.class, title: one.title }, one.text ?? one))))),
       h("tbody", {}, rows)));
