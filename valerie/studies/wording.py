@@ -72,7 +72,9 @@ def result_sentences(known: Result, study: ResolvedStudy) -> tuple[str, ...]:
 def _failure_rate(known: FailureRate, study: ResolvedStudy) -> tuple[str, ...]:
     free = known.assumption_free
     sentences = [f"Of the legal variants, {_between(free)} fail, by {free.units:,} operational points alone."]
-    if known.assisted is not None:
+    if known.assisted is not None and free.units == known.evaluations:
+        sentences.append("No batch had enough scores for a model.")
+    elif known.assisted is not None:
         sentences.append(f"With the model's help it is {_between(known.assisted)}{_misuse(known)}.")
     if known.undefined.estimate:
         sentences.append(f"The score of {_between(known.undefined)} is undefined: they neither fail nor pass.")
@@ -95,7 +97,7 @@ def _misuse(known: FailureRate) -> str:
     if known.unknown > MOST_UNKNOWN:
         return ", but do not use it: too many failures lay where the model expected none"
     few = counted(known.judged, "failure")
-    return f", but do not use it: {few} at operational points cannot show that the model expects most failures"
+    return f", but do not use it: {few} at operational points of guided batches cannot show that the model expects most failures"
 
 
 def _modes(known: Modes, study: ResolvedStudy) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from typing import Final
 
 from sqlalchemy import select
 
+from valerie.analysis.wording import counted
 from valerie.db import runs, totals
 from valerie.db.engine import database_time, reading
 from valerie.db.migrate import require_current
@@ -67,7 +68,7 @@ def diagnose(context: Context) -> list[Check]:
 _REMEDIES: Final = {
     "settings": "change the variable; docs/operations.md lists all",
     "database": "start it, or run `valerie migrate` after an upgrade",
-    "broker": "start it, or set VALERIE_BROKER_URL; runs continue as soon as it answers",
+    "broker": "`valerie up` starts one for this machine; start another, or set VALERIE_BROKER_URL; runs then continue",
     "artifacts": "free space with `valerie gc`, or repair the access; paused runs continue by themselves",
 }
 
@@ -145,17 +146,18 @@ def _workers(context: Context) -> Iterator[Check]:
         elif queue.ready and not queue.workers:
             yield Check(
                 f"queue {queue.route}",
-                problem=f"{queue.ready:,} products are ready, and no worker serves this queue",
+                problem=f"ready: {counted(queue.ready, 'product')}, and no worker serves this queue",
                 remedy=f"start one that offers this numeric class: `valerie worker {stage_of(queue.route)}`",
             )
         elif queue.workers:
             yield Check(
-                f"queue {queue.route}", f"{queue.workers:,} workers, {queue.per_minute:,.0f} products per minute"
+                f"queue {queue.route}",
+                f"{counted(queue.workers, 'worker')}, {queue.per_minute:,.0f} products per minute",
             )
     for failure in failures:
         yield Check(
             f"failed {failure.kind}",
-            problem=f"{failure.products:,} products: {failure.type}: {failure.message}",
+            problem=f"{counted(failure.products, 'product')}: {failure.type}: {failure.message}",
             remedy="mend the cause, then `valerie retry RUN`",
         )
 
@@ -170,7 +172,7 @@ def _runs(context: Context) -> Iterator[Check]:
                 f"run {run.id}", problem=f"{run.state}: {run.reason}", remedy="docs/operations.md#troubleshooting"
             )
     unfinished = sum(count for _, state, count in backlog if state is not ProductState.PARKED)
-    yield Check("runs", f"{len(active):,} at work, {unfinished:,} unfinished products")
+    yield Check("runs", f"{len(active):,} at work, {counted(unfinished, 'unfinished product')}")
 
 
 def _webhooks(context: Context) -> Iterator[Check]:

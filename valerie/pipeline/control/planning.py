@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 from sqlalchemy import Connection
@@ -25,7 +26,14 @@ from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 from valerie.scene.assets.asset import is_generated, pack_settings, parse_reference
 
 
-def plan_run(context: Context, spec: RunSpec, *, owner: str | None = None, project: str = "") -> Plan:
+def plan_run(
+    context: Context,
+    spec: RunSpec,
+    *,
+    owner: str | None = None,
+    project: str = "",
+    notes: tuple[str, ...] | None = None,
+) -> Plan:
     """Plan a spec; stores nothing.
 
     Args:
@@ -33,6 +41,7 @@ def plan_run(context: Context, spec: RunSpec, *, owner: str | None = None, proje
         spec: of the run.
         owner: of the token that would submit it; None: the operator.
         project: that would submit it; only what its tenant shares counts as stored. Empty: none.
+        notes: on what the user wrote, where that is not the spec; None: those of the spec.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -42,6 +51,8 @@ def plan_run(context: Context, spec: RunSpec, *, owner: str | None = None, proje
         registered = registry.known(connection, spec.functions)
         names = registry.names(connection, registered)
         resolved = resolve_new(spec, context.settings, registered=names)
+        if notes is not None:
+            resolved = replace(resolved, notes=notes)
         pins = pins_for(connection, spec, offers, registered, lambda: resolved.space).pins
         twin = runs.latest_of(connection, resolved.spec.digest, project=project)
         made = _planned(connection, resolved, pins, context.settings.tenant_of(project), EXACT_FRAMES)
@@ -53,8 +64,7 @@ def plan_run(context: Context, spec: RunSpec, *, owner: str | None = None, proje
     if twin is not None:
         warnings += (f"run {twin} has this spec already, and another one has the same results",)
     warnings += tuple(f"it would be refused: {reason}" for reason in refusals)
-    notes = (*made.notes, *_on_classes(pins))
-    return made.model_copy(update={"warnings": warnings, "notes": notes})
+    return made.model_copy(update={"warnings": warnings, "notes": (*made.notes, *_on_classes(pins))})
 
 
 def forecast(connection: Connection, resolved: ResolvedRun, pins: Pins | None, tenant: str) -> Cost:

@@ -24,7 +24,10 @@ def test_nothing_is_wrong_with_a_deployment_that_works(pipeline: Pipeline) -> No
     assert pipeline.run(run) == "completed"
     checks = diagnose(pipeline.context)
     assert [check.problem for check in checks if check.problem] == []
-    assert {"settings", "database", "broker", "artifacts", "control loop", "runs"} <= {check.part for check in checks}
+    states = {check.part: check.state for check in checks}
+    assert {"settings", "database", "broker", "artifacts", "control loop", "runs"} <= states.keys()
+    assert {state.split(", ")[0] for part, state in states.items() if part.startswith("queue")} == {"1 worker"}
+    assert states["runs"] == "0 at work, 0 unfinished products"
 
 
 def test_a_broker_that_is_away_is_named_beside_all_else(pipeline: Pipeline) -> None:

@@ -520,11 +520,36 @@ def test_what_the_intervals_of_a_rate_hold_for_is_said(pipeline: Pipeline) -> No
     goal = {"name": "estimate", "first": 100}
     sentences = planted(pipeline, never, goal=goal)[0].result().sentences  # type: ignore[union-attr]
     assert "95 % confidence), by 180 operational points" in sentences[0].replace(" fail, by", ", by")
-    assert "do not use it: 0 failures at operational points cannot show" in sentences[1]
+    assert "do not use it: 0 failures at operational points of guided batches cannot show" in sentences[1]
     assert "someone stops because of them" in sentences[-1]
     sentences = planted(pipeline, never, goal=goal, stop={"width": 0.001})[0].result().sentences  # type: ignore[union-attr]
     assert "99.44 % confidence" in sentences[0]
     assert "all planned looks" in sentences[-1]
+
+
+def test_the_plan_of_a_batch_notes_units_that_the_document_leaves_out(pipeline: Pipeline) -> None:
+    def notes(start: object) -> tuple[str, ...]:
+        vary = {"person-1.pos.x": {"uniform": {"from": start, "to": "0 m"}}}
+        return commands.plan_study(pipeline.context, parse_study(document(vary=vary))).plan.notes
+
+    assert notes("-3 m") == ()
+    assert notes(-3) == ("person-1.pos.x: numbers without unit are in m",)
+
+
+def test_a_rate_without_any_model_claims_no_help_of_a_model(pipeline: Pipeline) -> None:
+    """Nineteen of the twenty first variants, and none of the last, have a score: too few for a model."""
+
+    def rarely(x: Any, y: Any) -> Any:
+        scores = np.full(len(x), np.nan)
+        scores[: 19 if len(x) == 20 else 0] = 0.2
+        return scores
+
+    more: dict[str, Any] = {"goal": {"name": "estimate", "first": 20}, "budget": {"variants": 40}, "batch": 32}
+    result = planted(pipeline, rarely, **more)[0].result()
+    assert result is not None
+    assert "fail, by 40 operational points alone" in result.sentences[0]
+    assert result.sentences[1] == "No batch had enough scores for a model."
+    assert not any("model's help" in sentence for sentence in result.sentences)
 
 
 def test_an_undecided_study_expects_further_variants_from_its_scores(pipeline: Pipeline) -> None:

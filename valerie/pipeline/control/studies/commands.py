@@ -66,7 +66,7 @@ def plan_study(context: Context, document: StudyDocument, *, project: str = "") 
     proposal = pursuit.ask((), document.batch)
     legal = int(np.count_nonzero(pursuit.study.domain.legal(proposal.points)))
     spec = pursuit.spec(0, parent=None)
-    plan = plan_run(context, spec, project=project)
+    plan = plan_run(context, spec, project=project, notes=pursuit.study.run.notes)
     return NextBatch(
         0,
         reason_text(proposal.reason, pursuit.study.domain.names),
@@ -152,7 +152,7 @@ def next_batch(context: Context, study_id: str) -> NextBatch:
         batch.accepted_at is not None,
         batch.run_id,
         spec,
-        plan_run(context, spec),
+        plan_run(context, spec, notes=pursuit.study.run.notes),
     )
 
 
