@@ -65,6 +65,11 @@ def test_an_effect_without_interval_says_how_many_places_would_show_its_size() -
     assert finding_sentence(finding(-0.2, SUN)).endswith("(6 places, 36 pairs).")
 
 
+def test_a_candidate_that_only_the_search_saw_says_that_its_size_is_of_the_searched_places() -> None:
+    candidate = finding(-0.2, SUN, confirmed=False, alike=True, searched=True)
+    assert finding_sentence(candidate).endswith("(in the 6 places searched, 36 pairs).")
+
+
 def test_an_interaction_is_an_effect_that_differs() -> None:
     camera = Step("camera", "camera-1", "camera-3")
     assert finding_sentence(finding(0.08, SUN, camera)).startswith(

@@ -90,7 +90,8 @@ def find_findings(
             steps = item.candidate.changes
             key = family.function, steps if family.only else tuple(change.factor for change in steps)
             if key not in clearest:
-                clearest[key] = item.adjusted_p <= 1 - level, _finding(table, family, item, spec)
+                seen = item.contrast is None and result.places_confirming > 0
+                clearest[key] = item.adjusted_p <= 1 - level, _finding(table, family, item, spec, searched=seen)
     ordered = sorted(
         clearest.values(), key=lambda one: (not one[0], one[1].matching is Matching.MODEL, len(one[1].steps))
     )
@@ -153,7 +154,9 @@ def _families(table: EvaluationTable, precisions: Mapping[str, str]) -> Iterator
         yield _Family("", observations, {**factors, "function": factor}, only)
 
 
-def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: RunSpec | None) -> Finding:
+def _finding(
+    table: EvaluationTable, family: _Family, item: Confirmation, spec: RunSpec | None, *, searched: bool
+) -> Finding:
     contrast = item.candidate if item.contrast is None else item.contrast
     factors = [family.factors[change.factor] for change in contrast.changes]
     steps = tuple(
@@ -185,6 +188,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
         spec="" if spec is None else child_spec(table, spec, factors, contrast.changes, item.places_needed),
         places_for_size=item.places_for_size,
         alike=item.alike,
+        searched=searched,
     )
     return replace(finding, sentence=finding_sentence(finding))
 

@@ -32,7 +32,8 @@ def finding_sentence(finding: Finding) -> str:
         text += ", between different places"
     elif finding.function:
         text += ", all else equal"
-    counted = [f"{finding.places:,} {place_noun(finding.estimand)}"]
+    places = f"{finding.places:,} {place_noun(finding.estimand)}"
+    counted = [f"in the {places} searched" if finding.searched else places]
     counted += [f"{finding.pairs:,} pair{'s' if finding.pairs > 1 else ''}"] if finding.pairs else []
     if finding.low is not None and finding.high is not None:
         # The better function is named first, so the interval takes its sign.

@@ -165,6 +165,7 @@ def test_differences_between_places_that_are_alike_stay_candidates(synthetic_tab
     assert withheld
     assert all(finding.low is None for finding in withheld)
     assert candidate_text(withheld[0]).endswith("repeat the grid on several sites to confirm it.")
+    assert all(f"(in the {findings.places_searched} places searched" in finding.sentence for finding in withheld)
     assert findings.notes[0].startswith("a-net: in some differences, neighbouring places score alike")
 
 
