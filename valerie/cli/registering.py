@@ -215,12 +215,15 @@ def functions_named(value: str, opening: Opening) -> list[str]:
 
 
 def say_missing_files(names: Iterable[str]) -> None:
-    """Say which names of functions look like files that do not exist."""
+    """Say which names of functions look like files that do not exist, or are files of another kind."""
     from valerie.pipeline.functions.guarded_import import SUFFIXES
 
     for name in names:
-        if Path(name).suffix.lower() in SUFFIXES and not Path(name).is_file():
+        path, is_function = Path(name), Path(name).suffix.lower() in SUFFIXES
+        if is_function and not path.is_file():
             say(f"{name}: no such file; taken as the name of a function")
+        elif path.suffix and path.is_file() and not is_function:
+            say(f"{name}: not a file of a function ({', '.join(sorted(SUFFIXES))}); taken as the name of one")
 
 
 def _files_of(file: Path | None, document: Path | None, texts: dict[str, str]) -> tuple[dict[str, str], Path | None]:

@@ -519,6 +519,8 @@ def _sentence(client: Client, run_id: str, number: int) -> str:
     """Return the sentence of a finding by its number, from 1."""
     items = client.summary(run_id).findings["items"]
     assert isinstance(items, list), "the server lists its findings"
+    if not items:
+        raise InvalidInput("the run has no confirmed finding", field="--finding")
     if not 1 <= number <= len(items):
         raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1…{len(items)}")
     item = items[number - 1]

@@ -200,6 +200,17 @@ def test_a_name_that_looks_like_a_file_is_a_name_while_there_is_no_such_file(
     assert registry.given == []
 
 
+def test_a_file_of_another_kind_is_said_to_be_none_of_a_function(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("net.png").write_bytes(b"")
+    assert functions_named("net.png", partial(nullcontext, Registered())) == ["net.png"]
+    said = capsys.readouterr().err
+    assert said.startswith("net.png: not a file of a function (")
+    assert ".onnx" in said
+
+
 class Registered:
     """A registry that records its arguments."""
 

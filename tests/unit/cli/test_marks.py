@@ -40,10 +40,11 @@ def test_tags_are_added_and_taken_away_and_the_note_stays(server: tuple[str, str
     assert call(url, "mark", run) == shown
 
 
-def test_a_finding_that_the_run_lacks_is_refused(server: tuple[str, str]) -> None:
+def test_a_finding_of_a_run_without_any_is_refused_with_the_reason(server: tuple[str, str], tmp_path: Path) -> None:
     url, run = server
-    result = CliRunner().invoke(app, ["mark", run, "--finding", "99", "--tag", "x", "--url", url])
-    assert (result.exit_code, "--finding" in str(result.exception)) == (1, True)
+    for command in (["mark", run, "--tag", "x", "--url", url], ["refine", run, "--data-dir", str(tmp_path)]):
+        result = CliRunner().invoke(app, [*command, "--finding", "1"])
+        assert str(result.exception).startswith("--finding: the run has no confirmed finding")
 
 
 def test_runs_are_listed_by_tag_with_and_without_a_server(server: tuple[str, str], tmp_path: Path) -> None:

@@ -63,6 +63,9 @@ def parse(source: str | bytes | Mapping[str, Json] | RunSpec) -> RunSpec:
     if isinstance(source, RunSpec):
         return source
     document = load_document(source)
+    if "goal" in document:
+        limit = "`valerie study plan` and `valerie study run`, or leave goal out"
+        raise InvalidInput("a run has no goal, a study has", field="goal", value=document["goal"], limit=limit)
     normalization = Normalization(document)
     problems = normalization.problems
     spec: RunSpec | None = None

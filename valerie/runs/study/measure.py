@@ -20,6 +20,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from valerie.errors import InvalidInput, UnknownName
 from valerie.runs.statistic import Statistic, parse_statistic
 
 _EXTREME: Final = re.compile(r"\s*(min|max)\s*\((\s*[A-Za-z_]+\s*)\)(.*)", re.DOTALL)
@@ -96,4 +97,11 @@ def parse_measure(text: str, *, field: str = "measure") -> VariantMeasure:
     if extreme is None:
         return VariantMeasure(text, parse_statistic(text, field=field), "mean")
     over, column, rest = extreme.groups()
-    return VariantMeasure(text, parse_statistic(f"mean({column}){rest}", field=field), over)
+    try:
+        statistic = parse_statistic(f"mean({column}){rest}", field=field)
+    except UnknownName:
+        raise
+    except InvalidInput as refused:
+        limit = str(refused.limit).replace("mean(", f"{over}(")
+        raise InvalidInput(refused.message, field=field, value=text, limit=limit) from None
+    return VariantMeasure(text, statistic, over)

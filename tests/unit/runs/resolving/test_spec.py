@@ -257,6 +257,15 @@ def test_an_error_says_what_is_right(given: dict[str, Any], expected: str) -> No
     assert expected in "\n".join(problems(spec(**given)).values())
 
 
+def test_a_study_is_told_from_a_run() -> None:
+    study = spec(goal="estimate", measure="min(pacc) >= 0.5", budget={"variants": 64})
+    (said,) = problems(study).values()
+    assert said == (
+        "goal: a run has no goal, a study has; got estimate; "
+        "limit: `valerie study plan` and `valerie study run`, or leave goal out"
+    )
+
+
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),

@@ -78,6 +78,8 @@ def test_the_written_template_is_a_study() -> None:
         ({"mode": "by foot"}, "mode"),
         ({"measure": "min(pacc)"}, "measure"),
         ({"measure": "min(pac) >= 0.5"}, "measure.*pacc"),
+        ({"measure": "min(pacc) >= 50"}, r"measure: .*between 0 and 1; got min\(pacc\) >= 50;"),
+        ({"measure": "max(pacc) > 0.5"}, r"got max\(pacc\) > 0.5; limit: max\(pacc\) >= "),
         ({"measure": "min(pacc) >= 0"}, "measure.*both sides"),
         ({"functions": []}, "functions.*one function"),
         ({"vary": []}, "vary"),
