@@ -66,6 +66,7 @@ class FindRow:
         sobol, random, evolution, elites: modes with a repeated failure by the other searches; the last two are empty without
             their packages.
         failed: shares of repetitions in which `Find` found fewer modes than the Sobol' points.
+        error: standard errors of ``found`` less ``sobol``; 0 for one repetition.
         overhead: CPU seconds of `Find` per batch.
     """
 
@@ -81,6 +82,7 @@ class FindRow:
     evolution: tuple[float, ...]
     elites: tuple[float, ...]
     failed: tuple[float, ...]
+    error: tuple[float, ...]
     overhead: float
 
 
@@ -104,7 +106,8 @@ def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int
             row.append((modes, clusters, unaided, even, drawn, evolved, kept, modes < even))
             overhead.append(seconds)
         table.append(row)
-    means = [tuple(column.tolist()) for column in np.array(table, np.float64).mean(axis=0).T]
+    values = np.array(table, np.float64)
+    means = [tuple(column.tolist()) for column in values.mean(axis=0).T]
     found, reported, blind, by_sobol, by_random, by_evolution, by_elites, failed = means
     return FindRow(
         "find",
@@ -119,6 +122,7 @@ def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int
         by_evolution if peers["cma"] else (),
         by_elites if peers["ribs"] else (),
         failed,
+        tuple(((values[:, :, 0] - values[:, :, 3]).std(axis=0) / np.sqrt(max(repetitions - 1, 1))).tolist()),
         float(np.mean(overhead)),
     )
 

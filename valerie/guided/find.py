@@ -4,20 +4,20 @@ A *mode* is a connected set of failures: variants between two of them fail as we
 failures, since many failures with one cause teach little.
 
 Most points explore: they are scrambled Sobol' points of the operational domain, so likely modes are hit first. The others
-descend. A descent starts at a passing point whose score is far below the prediction of a surrogate that was not fitted to
-it: the surrogate knows the slopes of large modes, so what surprises it may belong to another one. Covariates are further
-inputs of the surrogate. A descent spends as little as it can:
+descend: from the passing exploring points, the lowest score first. A descent spends as little as it can:
 
-1. It steps in `PROBES` random directions and estimates the steepness of the margin. If the boundary is farther away than
+1. It ends if scores fall on the way from there to the mode that most likely contains the start.
+2. It steps in `PROBES` random directions and estimates the steepness of the margin. If the boundary is farther away than
    `REACH` at that steepness, it ends.
-2. It ends if scores fall on the way from there to a known mode.
 3. It takes a simplex gradient (Conn, Scheinberg and Vicente 2009, doi:10.1137/1.9780898718768), one point per parameter,
    and follows it to where the boundary should be. A lower score there starts another gradient, `STEPS` times at most.
 
-Descents get a large share of a batch only while they meet more new modes per point than exploration does.
+Descents begin only while they promise more new modes per point than exploration does (`Find._pays`). The promise shrinks with
+each descent that reaches no failure.
 
 A failure counts once it has failed under further random seeds. It belongs to a mode if the variant halfway to a member of
-the mode fails too. So a bent mode may count as several, and modes that touch as one.
+the mode fails too. So a bent mode may count as several, and modes that touch as one. Covariates make the variant halfway
+one that is halfway in them too.
 """
 
 from __future__ import annotations
@@ -35,15 +35,17 @@ from valerie.errors import InvalidInput
 from valerie.guided.domain import Axis, Cube, Domain
 from valerie.guided.exploration import SpaceFilling
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
-from valerie.guided.surrogate import Covariates, held_out, margins
+from valerie.guided.surrogate import Covariates, margins
 from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
 
-#: Shares of a batch for descents: where they pay less than exploration, and where they pay more.
-DESCENDING: Final = (0.03, 0.5)
-#: New modes and points of descents that are assumed before any: a descent has to pay soon.
-ASSUMED: Final = (0.3, 20)
+#: Largest share of a batch for descents.
+DESCENDING: Final = 0.5
+#: New modes and points of descents that are assumed before any, if each descent reaches a failure.
+ASSUMED: Final = (2, 20)
+#: Descents under way at most: as many, and as many again for each that reached a failure.
+TRIED: Final = 4
 #: Largest share of a batch for the checks of failures.
 CHECKING: Final = 0.2
 #: Exploring points before the first descent.
@@ -56,14 +58,12 @@ STEP: Final = 0.01
 REACH: Final = 0.3
 #: Gradients of a descent at most.
 STEPS: Final = 3
-#: Share of the passing points that may become starts.
-SURPRISING: Final = 0.25
-#: Growth of the number of points after which the surrogate is fitted again.
-REFIT: Final = 1.2
 #: Repeats without a score after which a failure is given up.
 UNSCORED: Final = 3
-#: Modes that a point is compared with at a time.
+#: Modes that a failure is compared with at a time.
 COMPARED: Final = 3
+#: Variants between two points of which one halfway in covariates is chosen.
+BETWEEN: Final = 64
 #: Standard deviation of a mode's members below which a parameter matters to it.
 NARROW: Final = 0.2
 #: Fewest members for the shape of a mode.
@@ -121,8 +121,8 @@ class Modes(Result):
 
 
 class _Stage(Enum):
-    PROBE = auto()
     COMPARE = auto()
+    PROBE = auto()
     GRADIENT = auto()
     FOLLOW = auto()
 
@@ -132,8 +132,8 @@ class _Descent:
     """A descent: its best row, and the points of its stage: to be asked for, running, and scored."""
 
     best: int
-    stage: _Stage = _Stage.PROBE
-    left: list[tuple[UnitPoints, int | None]] = field(default_factory=list)
+    stage: _Stage = _Stage.COMPARE
+    left: list[UnitPoints] = field(default_factory=list)
     waiting: int = 0
     told: list[int] = field(default_factory=list)
     steps: int = 0
@@ -145,6 +145,7 @@ class _Failure:
     """A failure under examination: requested and confirmed repeats, and modes that it does not belong to."""
 
     row: int
+    followed: bool
     asked: int = 0
     repeated: int = 0
     unscored: int = 0
@@ -174,8 +175,8 @@ class Find:
         seed: of all draws.
         repeats: further seeds under which a failure must fail; 0 if nothing is random. Evaluate a repeated point under
             another seed.
-        covariates: (n, dimensions) points to (n, k) free numbers of about 0…1, e.g. distances.
-        descending: shares of a batch for descents, where they pay less than exploration and where they pay more.
+        covariates: (n, dimensions) points to (n, k) free numbers of about 0…1, e.g. distances. They are asked for `BETWEEN`
+            variants per comparison with a mode.
 
     Raises:
         InvalidInput: a bound outside 0…1, or negative repeats.
@@ -189,41 +190,36 @@ class Find:
         seed: int,
         repeats: int = 1,
         covariates: Covariates | None = None,
-        descending: tuple[float, float] = DESCENDING,
     ) -> None:
         if not 0 < at_least < 1:
             raise InvalidInput("a bound of scores in 0…1", field="at_least", value=at_least, limit="above 0, below 1")
         if repeats < 0:
             raise InvalidInput("a number of seeds", field="repeats", value=repeats, limit=">= 0")
         self.domain, self.at_least, self.seed, self.repeats = domain, at_least, seed, repeats
-        self._covariates, self._descending = covariates, descending
+        self._covariates = covariates
         self._numbers = np.ones(domain.dimensions, np.bool_)
         if isinstance(domain, Domain):
             self._numbers = np.array([axis is not Axis.UNORDERED for axis in domain.axes])
         self._exploration = SpaceFilling(domain, seed)
         self._open = OpenBatches()
         self._tags: deque[list[_Tag]] = deque()
-        self._asked = 0
         self._points = np.empty((0, domain.dimensions))
         self._features = np.empty((0, 0))
         self._margins = np.empty(0)
         self._explores = np.empty(0, np.bool_)
-        self._evaluations = self._unrepeated = self._unscored = self._descended = 0
+        self._evaluations = self._unrepeated = self._unscored = 0
         self._descents: list[_Descent] = []
         self._started: set[int] = set()
-        self._candidates: list[int] = []
-        self._fitted = 0
+        self._descended = self._finished = self._reached = self._won = 0
         self._failures: list[_Failure] = []
         self._modes: list[list[int]] = []
 
     def ask(self, count: int) -> Proposal:
         """Return the next batch."""
-        rng = np.random.default_rng([self.seed, 1, self._asked])
-        self._asked += 1
         wanted = self._checks(int(CHECKING * count))
         checks = len(wanted)
         if np.count_nonzero(self._explores) >= FIRST:
-            wanted += self._descend(rng, min(math.ceil(self._share() * count), count - checks))
+            wanted += self._descend(min(math.ceil(DESCENDING * count), count - checks))
         descending = len(wanted) - checks
         explores = self._exploration.take(count - len(wanted))
         points = np.concatenate(
@@ -265,8 +261,9 @@ class Find:
                 else:
                     self._examined(tag.failure, tag.mode, row, failed=failed)
                 continue
-            if failed and tag.mode is None:
-                self._failures.append(_Failure(row))
+            stage = None if tag.descent is None else tag.descent.stage
+            if failed and stage is not _Stage.COMPARE:
+                self._failures.append(_Failure(row, followed=stage is _Stage.FOLLOW))
             if tag.descent is not None:
                 tag.descent.waiting -= 1
                 tag.descent.told.append(row)
@@ -307,27 +304,29 @@ class Find:
 
     def _likely(self, row: int) -> list[int]:
         """Return the modes, the one that most likely contains a point first."""
-        return sorted(range(len(self._modes)), key=lambda mode: self._strangeness(self._points[row], mode))
+        return sorted(range(len(self._modes)), key=lambda mode: self._strangeness(row, mode))
 
-    def _shape(self, mode: int) -> tuple[Floats, Floats]:
-        """Return mean and variance of a mode's members; with few members the variance shrinks towards that of the domain."""
-        members = self._points[self._modes[mode]]
-        middle = members.mean(axis=0)
-        return middle, (((members - middle) ** 2).sum(axis=0) + 3 / 12) / (len(members) + 3)
-
-    def _strangeness(self, point: UnitPoints, mode: int) -> float:
-        middle, variance = self._shape(mode)
-        return float(((point - middle) ** 2 / variance + np.log(variance)).sum())
+    def _strangeness(self, row: int, mode: int) -> float:
+        middle, variance = _shape(self._features[self._modes[mode]])
+        return float(((self._features[row] - middle) ** 2 / variance + np.log(variance)).sum())
 
     def _halfway(self, row: int, mode: int) -> UnitPoints | None:
-        """Return the legal point between a failure and the nearest member of a mode; None without one."""
-        point, members = self._points[row], self._points[self._modes[mode]]
-        ways = self._moves(point, members)
+        """Return the legal variant halfway between a point and the nearest member of a mode; None without one.
+
+        With covariates, each parameter has the value of one of them or the one halfway, so that the features are about halfway.
+        """
+        members = self._modes[mode]
+        ways = self._moves(self._points[row], self._points[members])
         nearest = int(np.argmin((ways**2).sum(axis=1)))
-        halfway = point + np.where(self._numbers, ways[nearest] / 2, 0.0)
-        if isinstance(self.domain, Domain):
-            halfway = np.where(self.domain.periodic, halfway % 1.0, halfway)
-        return halfway if self.domain.legal(halfway[None])[0] else None
+        shares = np.full((1, self.domain.dimensions), 0.5)
+        if self._covariates is not None:
+            mixed = np.random.default_rng([self.seed, 2]).integers(0, 3, (BETWEEN, self.domain.dimensions)) / 2
+            shares = np.concatenate([shares, mixed])
+        between = self._legal(self._points[row] + np.where(self._numbers, ways[nearest] * shares, 0.0))
+        if len(between) < 2:
+            return between[0] if len(between) else None
+        gaps = self._with_covariates(between) - self._features[[row, members[nearest]]].mean(axis=0)
+        return between[int(np.argmin((gaps**2 / _shape(self._features[members])[1]).sum(axis=1)))]
 
     def _lacks_repeat(self, failure: _Failure) -> None:
         """Repeat a failure once more, since an undefined score is neither a failure nor a pass; give up after a few."""
@@ -358,64 +357,78 @@ class Find:
             if ready and len(failure.apart) == len(self._modes):
                 failure.joined = len(self._modes)
                 self._modes.append([failure.row])
+                self._won += failure.followed
 
-    def _descend(self, rng: np.random.Generator, count: int) -> list[tuple[UnitPoints, _Tag]]:
-        """Return the next points of descents, of new ones where the others wait for scores."""
-        left = sum(len(descent.left) for descent in self._descents)
-        for row in self._starts(math.ceil((count - left) / PROBES)):
-            directions = rng.standard_normal((PROBES, self.domain.dimensions)) * self._numbers
-            directions /= np.linalg.norm(directions, axis=1)[:, None] + 1e-12
-            begun = _Descent(row)
-            begun.left = self._legal(self._points[row] + STEP * directions)
-            self._descents.append(begun)
+    def _descend(self, count: int) -> list[tuple[UnitPoints, _Tag]]:
+        """Return the next points of descents, of new ones where the others wait for scores and while descents pay."""
         wanted: list[tuple[UnitPoints, _Tag]] = []
         for descent in self._descents:
-            while descent.left and len(wanted) < count:
-                point, mode = descent.left.pop(0)
-                descent.waiting += 1
-                self._descended += 1
-                wanted.append((point, _Tag(descent=descent, mode=mode)))
+            self._take_points(descent, wanted, count)
+        most = TRIED * (1 + self._reached) - len(self._descents)
+        for row in self._starts()[: max(most, 0)] if self._pays() else []:
+            if len(wanted) >= count:
+                break
+            self._started.add(row)
+            begun = _Descent(row)
+            halfway = self._halfway(row, self._likely(row)[0]) if self._modes else None
+            if halfway is None:
+                self._take_probes(begun)
+            else:
+                begun.left = [halfway]
+            if not begun.ended:
+                self._descents.append(begun)
+                self._take_points(begun, wanted, count)
         return wanted
 
-    def _share(self) -> float:
-        """Return the share of the next batch for descents, by the rates at which both kinds of points meet new modes.
+    def _take_points(self, descent: _Descent, wanted: list[tuple[UnitPoints, _Tag]], count: int) -> None:
+        while descent.left and len(wanted) < count:
+            descent.waiting += 1
+            self._descended += 1
+            wanted.append((descent.left.pop(0), _Tag(descent=descent)))
+
+    def _starts(self) -> list[int]:
+        """Return the passing rows that explored and began no descent yet, the lowest score first."""
+        rows = np.flatnonzero(self._explores & (self._margins >= 0))
+        lowest = rows[np.argsort(self._margins[rows], kind="stable")]
+        return [row for row in lowest.tolist() if row not in self._started]
+
+    def _pays(self) -> bool:
+        """Return whether a point of a descent promises more new modes than one that explores.
 
         For exploration it is the share of points that alone hit a mode (Good 1953, doi:10.1093/biomet/40.3-4.237).
         """
         alone = sum(np.count_nonzero(self._explores[members]) == 1 for members in self._modes)
-        won = sum(not self._explores[members[0]] for members in self._modes)
         modes, points = ASSUMED
-        exploring = (alone + 1) / max(np.count_nonzero(self._explores), 1)
-        pays = (modes + won) / (points + self._descended) > exploring
-        return self._descending[1 if pays else 0]
+        promised = modes * (1 + self._reached) / (1 + self._finished)
+        explored = int(np.count_nonzero(self._explores))
+        return (promised + self._won) / (points + self._descended) > (alone + 1) / max(explored, 1)
 
-    def _legal(self, points: UnitPoints) -> list[tuple[UnitPoints, int | None]]:
+    def _legal(self, points: UnitPoints) -> UnitPoints:
         """Return the legal ones of points, which are reflected where they leave the domain."""
         if isinstance(self.domain, Domain):
             points = np.where(self.domain.periodic, points % 1.0, points)
         points = np.abs(points)
         points = np.clip(np.where(points > 1, 2 - points, points), 0, _BELOW_ONE)
-        return [(point, None) for point in points[self.domain.legal(points)]]
+        return points[self.domain.legal(points)]
 
     def _go_on(self, descent: _Descent) -> None:
         """Take the scores of a descent's stage and begin the next one, or end it."""
+        stage = descent.stage
         told = [row for row in descent.told if not np.isnan(self._margins[row])]
         descent.told = []
         start, margin = self._points[descent.best], self._margins[descent.best]
         changes = self._margins[told] - margin
         moves = self._moves(start, self._points[told])
-        match descent.stage:
+        match stage:
+            case _Stage.COMPARE:
+                descent.ended = bool((changes < 0).any())
+                if not descent.ended:
+                    self._take_probes(descent)
             case _Stage.PROBE:
                 # The mean square of a direction's cosine is 1 / dimensions.
                 slopes = changes / (np.linalg.norm(moves, axis=1) + 1e-12)
                 steepness = math.sqrt(self._numbers.sum() * float((slopes**2).mean())) if told else 0.0
-                descent.stage = _Stage.COMPARE
                 descent.ended = margin > REACH * steepness
-                descent.left = [] if descent.ended else self._comparisons(descent.best)
-                if not descent.left and not descent.ended:
-                    self._go_on(descent)
-            case _Stage.COMPARE:
-                descent.ended = bool((changes < 0).any())
                 self._take_gradient(descent)
             case _Stage.GRADIENT:
                 gradient = np.linalg.lstsq(moves, changes)[0] if told else np.zeros(len(start))
@@ -424,7 +437,7 @@ class Find:
                 if not descent.ended:
                     way = -gradient / steepness * (margin / steepness)
                     descent.stage = _Stage.FOLLOW
-                    descent.left = self._legal(start + np.outer(_ALONG, way))
+                    descent.left = list(self._legal(start + np.outer(_ALONG, way)))
                     descent.ended = not descent.left
             case _Stage.FOLLOW:
                 lowest = told[int(np.argmin(changes))] if told else descent.best
@@ -432,40 +445,29 @@ class Find:
                 descent.best = lowest
                 descent.ended = not improved or self._margins[lowest] < 0 or descent.steps == STEPS
                 self._take_gradient(descent)
+        if descent.ended and stage is not _Stage.COMPARE:
+            self._finished += 1
+            self._reached += bool(self._margins[descent.best] < 0)
+
+    def _take_probes(self, descent: _Descent) -> None:
+        rng = np.random.default_rng([self.seed, 1, descent.best])
+        directions = rng.standard_normal((PROBES, self.domain.dimensions)) * self._numbers
+        directions /= np.linalg.norm(directions, axis=1)[:, None] + 1e-12
+        descent.stage = _Stage.PROBE
+        descent.left = list(self._legal(self._points[descent.best] + STEP * directions))
+        descent.ended = not descent.left
 
     def _take_gradient(self, descent: _Descent) -> None:
         if not descent.ended:
             descent.steps += 1
             descent.stage = _Stage.GRADIENT
-            descent.left = self._legal(
-                self._points[descent.best] + STEP * np.eye(self.domain.dimensions)[self._numbers]
-            )
+            steps = STEP * np.eye(self.domain.dimensions)[self._numbers]
+            descent.left = list(self._legal(self._points[descent.best] + steps))
             descent.ended = not descent.left
 
     def _moves(self, start: UnitPoints, points: UnitPoints) -> Floats:
         """Return the ways from a point to others, (n, dimensions)."""
         return self.domain.steps(start, points) if isinstance(self.domain, Domain) else points - start
-
-    def _comparisons(self, row: int) -> list[tuple[UnitPoints, int | None]]:
-        """Return the points halfway to the modes that most likely contain a point."""
-        halfway = {mode: self._halfway(row, mode) for mode in self._likely(row)[:COMPARED]}
-        return [(point, mode) for mode, point in halfway.items() if point is not None]
-
-    def _starts(self, count: int) -> list[int]:
-        """Return passing rows whose scores are far below what a surrogate expects that was not fitted to them."""
-        defined = np.flatnonzero(~np.isnan(self._margins))
-        if count <= 0 or len(defined) < FIRST:
-            return []
-        if len(defined) > REFIT * self._fitted:
-            self._fitted = len(defined)
-            passing = self._margins[defined] >= 0
-            expected = held_out(self._features[defined], self._margins[defined], trend=False)
-            surprises = (self._margins[defined] - expected)[passing]
-            lowest = np.argsort(surprises, kind="stable")[: math.ceil(SURPRISING * len(surprises))]
-            self._candidates = [row for row in defined[passing][lowest].tolist() if row not in self._started]
-        chosen, self._candidates = self._candidates[:count], self._candidates[count:]
-        self._started.update(chosen)
-        return chosen
 
     @property
     def result(self) -> Modes | None:
@@ -494,11 +496,15 @@ class Find:
         members = self._modes[number]
         points = self._points[members]
         middle = int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
-        narrow = (
-            np.flatnonzero(self._shape(number)[1] < NARROW**2) if len(members) >= MEMBERS else np.empty(0, np.int64)
-        )
+        narrow = np.flatnonzero(_shape(points)[1] < NARROW**2) if len(members) >= MEMBERS else np.empty(0, np.int64)
         hits = int(np.count_nonzero(self._explores[members]))
         return Mode(points[middle], tuple(narrow.tolist()), len(members), hits, hits / max(explored, 1))
+
+
+def _shape(members: Floats) -> tuple[Floats, Floats]:
+    """Return mean and variance of a mode's members; with few members the variance shrinks towards that of the domain."""
+    middle = members.mean(axis=0)
+    return middle, (((members - middle) ** 2).sum(axis=0) + 3 / 12) / (len(members) + 3)
 
 
 def _smallest(explored: int) -> float:

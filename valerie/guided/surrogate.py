@@ -53,22 +53,19 @@ class Surrogate:
     Args:
         points: (n, dimensions), n ≥ `LEAST_POINTS`.
         margins: (n,) from `margins`.
-        trend: False for the trees alone, to which a wide slope towards failures is a surprise.
     """
 
     @one_thread()
-    def __init__(self, points: UnitPoints, margins: NDArray[np.float64], *, trend: bool = True) -> None:
+    def __init__(self, points: UnitPoints, margins: NDArray[np.float64]) -> None:
         from sklearn.ensemble import HistGradientBoostingRegressor
 
-        self._trend = _Trend(points, margins) if trend else None
-        rest = margins if self._trend is None else self._trend.rest
-        self._trees = HistGradientBoostingRegressor(**_TREES).fit(points, rest)
+        self._trend = _Trend(points, margins)
+        self._trees = HistGradientBoostingRegressor(**_TREES).fit(points, self._trend.rest)
 
     @one_thread()
     def predict(self, points: UnitPoints) -> NDArray[np.float64]:
         """Return the predicted margin of each point, (n,)."""
-        trees = np.asarray(self._trees.predict(points), np.float64)
-        return trees if self._trend is None else trees + self._trend.predict(points)
+        return np.asarray(self._trees.predict(points), np.float64) + self._trend.predict(points)
 
 
 class _Trend:
@@ -112,13 +109,13 @@ def defined_probability(points: UnitPoints, defined: NDArray[np.bool_], candidat
     return np.asarray(trees.predict_proba(candidates)[:, 1], np.float64)
 
 
-def held_out(points: UnitPoints, margins: NDArray[np.float64], *, trend: bool = True) -> NDArray[np.float64]:
+def held_out(points: UnitPoints, margins: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return predictions, (n,), each by a surrogate that was not fitted to the point: five folds of every fifth point."""
     folds = np.arange(len(points)) % _FOLDS
     predicted = np.empty(len(points))
     for fold in range(_FOLDS):
         tested = folds == fold
-        predicted[tested] = Surrogate(points[~tested], margins[~tested], trend=trend).predict(points[tested])
+        predicted[tested] = Surrogate(points[~tested], margins[~tested]).predict(points[tested])
     return predicted
 
 

@@ -125,7 +125,7 @@ def _search(numbers: _Numbers) -> str:
         known, open_ = "No score is known yet.", "It is open where failures lie, and in how many modes."
     parts = [f"{_points(numbers, 'exploring')} explore the operational domain for new modes"]
     if numbers["descending"]:
-        lows = counted(int(numbers["low"]), "unexpectedly low score")
+        lows = counted(int(numbers["low"]), "low score")
         parts.append(f"{numbers['descending']} descend from {lows} to see whether a mode lies below")
     if numbers["checking"]:
         parts.append(f"{numbers['checking']} decide whether failures repeat and are connected")
