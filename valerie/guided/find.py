@@ -324,9 +324,10 @@ class Find:
             shares = np.concatenate([shares, mixed])
         between = self._legal(self._points[row] + np.where(self._numbers, ways[nearest] * shares, 0.0))
         if len(between) < 2:
-            return between[0] if len(between) else None
+            return np.asarray(between[0]) if len(between) else None
         gaps = self._with_covariates(between) - self._features[[row, members[nearest]]].mean(axis=0)
-        return between[int(np.argmin((gaps**2 / _shape(self._features[members])[1]).sum(axis=1)))]
+        nearest = int(np.argmin((gaps**2 / _shape(self._features[members])[1]).sum(axis=1)))
+        return np.asarray(between[nearest])
 
     def _lacks_repeat(self, failure: _Failure) -> None:
         """Repeat a failure once more, since an undefined score is neither a failure nor a pass; give up after a few."""
@@ -401,7 +402,7 @@ class Find:
         modes, points = ASSUMED
         promised = modes * (1 + self._reached) / (1 + self._finished)
         explored = int(np.count_nonzero(self._explores))
-        return (promised + self._won) / (points + self._descended) > (alone + 1) / max(explored, 1)
+        return bool((promised + self._won) / (points + self._descended) > (alone + 1) / max(explored, 1))
 
     def _legal(self, points: UnitPoints) -> UnitPoints:
         """Return the legal ones of points, which are reflected where they leave the domain."""

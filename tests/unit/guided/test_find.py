@@ -88,6 +88,23 @@ def test_a_descent_finds_a_mode_that_the_same_number_of_sobol_points_does_not() 
     assert modes.modes[0].explored == 0
 
 
+def test_descents_get_few_points_where_they_reach_no_failure() -> None:
+    _, rugged = found(lambda points: 0.85 + 0.1 * np.cos(9 * points.sum(axis=1)))
+    _, slopes = found(bowls)
+    assert rugged.explored > 0.9 * rugged.evaluations
+    assert slopes.explored < 0.8 * slopes.evaluations
+
+
+def test_covariates_join_the_failures_of_a_bent_mode() -> None:
+    def radius(points: Points) -> Points:
+        return np.sqrt(((points[:, :2] - 0.5) ** 2).sum(axis=1))[:, None]
+
+    def ring(points: Points) -> Points:
+        return np.where(np.abs(radius(points)[:, 0] - 0.4) < 0.04, 0.2, 0.9)
+
+    assert len(found(ring, covariates=radius)[1].modes) < len(found(ring)[1].modes)
+
+
 def test_only_legal_points_are_asked_for_and_covariates_may_help() -> None:
     cube = Cube(3, lambda point: bool(point[0] < 0.5))
     strategy = Find(cube, at_least=0.5, seed=0, covariates=lambda points: points[:, :1] + points[:, 1:2])
