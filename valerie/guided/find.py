@@ -44,7 +44,7 @@ Floats = NDArray[np.float64]
 DESCENDING: Final = 0.5
 #: New modes and points of descents that are assumed before any, if each descent reaches a failure.
 ASSUMED: Final = (2, 20)
-#: Descents under way at most: as many, and as many again for each that reached a failure.
+#: Descents under way at most: so many, and as many again for each that reached a failure.
 TRIED: Final = 4
 #: Largest share of a batch for the checks of failures.
 CHECKING: Final = 0.2
