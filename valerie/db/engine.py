@@ -135,6 +135,16 @@ def database_time(connection: Connection) -> float:
     return float(connection.scalar(select(func.extract("epoch", func.clock_timestamp()))) or 0.0)
 
 
+def compared_clocks(connection: Connection) -> tuple[float, float]:
+    """Return `database_time`, and by how many seconds this process's clock is at least ahead of it; negative if it is behind.
+
+    While the database answers, both clocks go on, so that a slow answer hides a difference but never feigns one.
+    """
+    before = time.time()
+    now = database_time(connection)
+    return now, max(before - now, 0.0) + min(time.time() - now, 0.0)
+
+
 def database_moment(connection: Connection) -> datetime:
     """Return `database_time` as a moment in UTC, for the times of rows."""
     return datetime.fromtimestamp(database_time(connection), UTC)

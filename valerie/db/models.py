@@ -45,7 +45,7 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
-REVISION: Final = "deadlines"
+REVISION: Final = "clocks"
 #: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -586,6 +586,8 @@ class Worker(Base):
     seen_at: Mapped[float] = mapped_column(Float)
     #: Why the worker was put aside; None: it works.
     resting: Mapped[str | None] = mapped_column(Text)
+    #: Seconds that its clock was ahead of the database's at the last heartbeat; None: a worker of an older release.
+    clock_ahead: Mapped[float | None] = mapped_column(Float)
 
 
 class Specimen(Base):

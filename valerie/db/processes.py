@@ -35,6 +35,7 @@ class WorkerRow:
     started_at: float
     seen_at: float
     resting: str | None = None
+    clock_ahead: float | None = None
 
 
 # Built once: building a statement costs more than executing it, and the control loop needs these in each round.
@@ -87,9 +88,10 @@ def stored_specimens(connection: Connection, keys: Iterable[str]) -> dict[str, b
     return {row.key: row.data for row in rows}
 
 
-def worker_seen(connection: Connection, worker_id: str, now: float) -> bool:
+def worker_seen(connection: Connection, worker_id: str, now: float, clock_ahead: float) -> bool:
     """Record a heartbeat; return False if the worker's row is gone and it must register again."""
-    return connection.execute(update(Worker).where(Worker.id == worker_id).values(seen_at=now)).rowcount == 1
+    sign = update(Worker).where(Worker.id == worker_id).values(seen_at=now, clock_ahead=clock_ahead)
+    return connection.execute(sign).rowcount == 1
 
 
 def rest(connection: Connection, worker_id: str, reason: str | None) -> None:

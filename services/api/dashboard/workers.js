@@ -16,7 +16,7 @@ export async function workersView({ main, parameters, signal }) {
   let looked = 0;
   const draw = async () => {
     const [workers, routes, work] = await Promise.all([get("/v1/workers", { signal }), get("/v1/queues", { signal }), Date.now() - looked > 10_000 || looked < 0 ? get(`/v1/work?hours=${hours}`, { signal }) : null]);
-    put(people, workers.map((one) => [one.id, one.offers, one.makes, one.resting, Math.round((Date.now() / 1000 - one.started_at) / 60)]), workers.length ? workers.map(card) : nobody());
+    put(people, workers.map((one) => [one.id, one.offers, one.makes, one.resting, one.clock, Math.round((Date.now() / 1000 - one.started_at) / 60)]), workers.length ? workers.map(card) : nobody());
     put(queues, routes, queueTable(routes));
     if (work) {
       looked = Date.now();
@@ -47,6 +47,7 @@ function card(worker) {
   return h("section", { class: "card worker" },
     h("div", { class: "row" }, h("h2", {}, STAGES[worker.stage] ?? worker.stage), worker.resting ? h("span", { class: "chip bad" }, "put aside") : h("span", { class: `chip ${makes.length ? "active" : "good"}` }, makes.length ? `makes ${makes.join(", ")}` : "idle")),
     worker.resting ? h("p", { class: "note bad" }, h("span", {}, "Its last products failed, and so does the test of its machine: ", worker.resting, ". It tests again every minute.")) : null,
+    worker.clock ? h("p", { class: "note wait" }, h("span", {}, h("strong", {}, `Its clock is ${worker.clock}.`), " Results are right, but times in its log and traces are wrong, and S3 refuses requests of a clock that is 15 minutes off.")) : null,
     h("p", { class: "small soft" }, `${worker.host}, process ${worker.pid}, for ${duration(Math.max(0, Math.round(Date.now() / 1000 - worker.started_at)))}`),
     offers.length ? h("ul", { class: "offers" }, offers) : h("p", { class: "small" }, "compares predictions with ground truth; gives the same result on every machine"));
 }

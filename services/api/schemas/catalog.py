@@ -102,6 +102,10 @@ class WorkerRead(Read):
         description="why it was put aside: its last products failed, and so did the test of its machine; null if it works",
         examples=[None],
     )
+    clock: str | None = Field(
+        description="by how much its clock differs from the database's, if by more than 5 s",
+        examples=["7,200 s ahead of the database's"],
+    )
 
 
 class QueueRead(Read):

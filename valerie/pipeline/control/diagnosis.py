@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -11,7 +10,7 @@ from sqlalchemy import select
 
 from valerie.analysis.wording import counted
 from valerie.db import runs, totals
-from valerie.db.engine import database_time, reading
+from valerie.db.engine import compared_clocks, database_time, reading
 from valerie.db.migrate import require_current
 from valerie.db.models import Lease
 from valerie.errors import ValerieError
@@ -21,8 +20,11 @@ from valerie.pipeline.control.loop import ROLE
 from valerie.runs.products.states import ProductState, RunState, stage_of
 from valerie.settings import NO_BROKER
 
-#: Difference between two clocks that is worth a remark, seconds. Leases are bounded by one clock, so it harms only logs.
-_CLOCK_SECONDS: Final = 5.0
+#: Leases, heartbeats and the times of runs are by the database's clock alone.
+_SYNCHRONISE: Final = (
+    "synchronise the clocks (NTP); runs go on and results are right, but times in its log and traces are wrong, "
+    "and S3 refuses requests of a clock that is 15 minutes off"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +84,11 @@ def _settings(context: Context) -> Iterator[Check]:
 
 def _database(context: Context) -> Iterator[Check]:
     require_current(context.engine)
-    before = time.time()
     with reading(context.engine) as connection:
-        ahead = database_time(connection) - (before + time.time()) / 2
+        _, ahead = compared_clocks(connection)
     yield Check("database", context.engine.url.render_as_string())
-    if abs(ahead) > _CLOCK_SECONDS:
-        yield Check(
-            "clock",
-            problem=f"this machine's clock is {abs(ahead):.0f} s {'behind' if ahead > 0 else 'ahead of'} the database's",
-            remedy="synchronise them (NTP); runs go on, but times in logs and reports are wrong",
-        )
+    if remark := monitoring.clock_remark(ahead):
+        yield Check("clock", problem=f"this machine's clock is {remark}", remedy=_SYNCHRONISE)
 
 
 def _broker(context: Context) -> Iterator[Check]:
@@ -127,6 +124,10 @@ def _control(context: Context) -> Iterator[Check]:
 
 def _workers(context: Context) -> Iterator[Check]:
     for worker in monitoring.workers(context):
+        if worker.clock is not None:
+            yield Check(
+                f"clock of {worker.id}", problem=f"the clock of {worker.host} is {worker.clock}", remedy=_SYNCHRONISE
+            )
         if worker.resting is not None:
             yield Check(
                 f"worker {worker.id}",

@@ -33,6 +33,8 @@ from valerie.runs.products.states import (
 
 #: A part that does not answer a check in this time is reported as unknown.
 CHECK_SECONDS = 5.0
+#: Difference between two clocks that is worth a remark, seconds.
+_CLOCK_SECONDS: Final = 5.0
 #: Time over which the rate of a queue is counted.
 _RATE_SECONDS: Final = 120.0
 #: Spans of time in which costs are shown.
@@ -225,6 +227,18 @@ class BusyWorker(WorkerRow):
     """A living worker, and how many products of each kind it makes now."""
 
     makes: dict[ProductKind, int]
+
+    @property
+    def clock(self) -> str | None:
+        """What `clock_remark` says of its clock at its last heartbeat."""
+        return clock_remark(self.clock_ahead or 0.0)
+
+
+def clock_remark(ahead: float) -> str | None:
+    """Return in words by how many seconds a clock is ahead of the database's, None if it is not worth a remark."""
+    if abs(ahead) <= _CLOCK_SECONDS:
+        return None
+    return f"{abs(ahead):,.0f} s {'ahead of' if ahead > 0 else 'behind'} the database's"
 
 
 def workers(context: Context) -> list[BusyWorker]:

@@ -24,7 +24,7 @@ from celery.signals import worker_process_init, worker_ready
 
 from valerie.broker import create_celery
 from valerie.db import processes
-from valerie.db.engine import database_time, open_database, reading, unforked, writing
+from valerie.db.engine import compared_clocks, open_database, reading, unforked, writing
 from valerie.db.migrate import require_current
 from valerie.db.processes import WorkerRow
 from valerie.errors import InvalidInput, MissingDependency, TransientError
@@ -95,8 +95,8 @@ class Presence:
         require_current(self._engine)
         self._health.parent.mkdir(parents=True, exist_ok=True)
         with unforked(), writing(self._engine) as connection:
-            now = database_time(connection)
-            self._worker = replace(self._worker, started_at=now, seen_at=now)
+            now, ahead = compared_clocks(connection)
+            self._worker = replace(self._worker, started_at=now, seen_at=now, clock_ahead=ahead)
             processes.register_worker(connection, self._worker)
             processes.keep_specimens(connection, self._specimens)
         self._health.touch()
@@ -124,9 +124,9 @@ class Presence:
 
     def _refresh(self) -> None:
         with unforked(), writing(self._engine) as connection:
-            now = database_time(connection)
-            if not processes.worker_seen(connection, self._worker.id, now):
-                processes.register_worker(connection, replace(self._worker, seen_at=now))
+            now, ahead = compared_clocks(connection)
+            if not processes.worker_seen(connection, self._worker.id, now, ahead):
+                processes.register_worker(connection, replace(self._worker, seen_at=now, clock_ahead=ahead))
 
 
 def stored_specimens(settings: Settings) -> frozenset[str]:

@@ -62,6 +62,29 @@ def test_a_worker_that_was_put_aside_is_named_with_its_reason_until_it_works_aga
     assert f"worker {worker.id}" not in problems(pipeline)
 
 
+def test_a_worker_whose_clock_is_off_is_named_with_what_that_means(pipeline: Pipeline) -> None:
+    pipeline.loop.tick(everything=True)
+    found = {}
+    for ahead in (4.0, -4.0, 7200.0, -90.0):
+        with writing(pipeline.context.engine) as connection:
+            now = database_time(connection)
+            (worker,) = processes.workers(connection, now=now)
+            processes.worker_seen(connection, worker.id, now, ahead)
+        found[ahead] = problems(pipeline)
+    assert found[4.0] == found[-4.0] == {}
+    part = f"clock of {worker.id}"
+    assert found[7200.0] == {part: f"the clock of {worker.host} is 7,200 s ahead of the database's"}
+    assert found[-90.0] == {part: f"the clock of {worker.host} is 90 s behind the database's"}
+    (check,) = (check for check in diagnose(pipeline.context) if check.part == part)
+    assert "NTP" in check.remedy
+    assert "results are right" in check.remedy
+
+
+def test_a_worker_of_an_older_release_has_an_unknown_clock(pipeline: Pipeline) -> None:
+    pipeline.loop.tick(everything=True)  # its row does not say
+    assert problems(pipeline) == {}
+
+
 def test_products_that_failed_for_good_are_named_with_their_reason(pipeline: Pipeline) -> None:
     run = pipeline.submit(SMALL)
     assert pipeline.run(run) == "completed"

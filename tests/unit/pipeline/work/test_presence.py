@@ -39,6 +39,42 @@ def test_a_worker_touches_its_file_while_the_database_is_away_and_removes_it_at_
     assert not file.exists()
 
 
+def test_a_worker_reports_its_clock_beside_the_databases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = settings_of(tmp_path)
+    engine = open_database(settings.database_url)
+    migrate(engine)
+    seen, own = [], time.time  # which stays the database's clock
+    for ahead in (0.0, -7200.0, 7200.0):
+        monkeypatch.setattr(time, "time", lambda ahead=ahead: own() + ahead)
+        presence = Presence(settings, Stage.EVAL, Probed(offers=()))
+        presence.join()
+        with reading(engine) as connection:
+            (worker,) = processes.workers(connection, now=own())
+        seen.append(worker.clock_ahead)
+        presence.leave()
+    assert seen == pytest.approx([0.0, -7200.0, 7200.0], abs=1.0)
+    engine.dispose()
+
+
+def test_a_clock_that_is_set_while_a_worker_lives_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = settings_of(tmp_path)
+    engine = open_database(settings.database_url)
+    migrate(engine)
+    presence = Presence(settings, Stage.EVAL, Probed(offers=()))
+    presence.join()
+    own = time.time
+    monkeypatch.setattr(time, "time", lambda: own() + 7200.0)
+    deadline = time.monotonic() + 30.0
+    ahead = 0.0
+    while ahead < 7000.0:
+        assert time.monotonic() < deadline, "no heartbeat with the new clock"
+        time.sleep(0.1)
+        with reading(engine) as connection:
+            ahead = processes.workers(connection, now=own())[0].clock_ahead or 0.0
+    presence.leave()
+    engine.dispose()
+
+
 def test_a_worker_makes_only_the_specimens_that_its_database_lacks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,6 +12,7 @@ from services.api.app import create_app
 from tests.world.drawn import CLASS, DrawnRuns, DrawnWorld, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
+from valerie.db import processes
 from valerie.db.engine import database_time, reading, writing
 from valerie.db.models import Product
 from valerie.pipeline.control.submit import submit
@@ -34,6 +35,15 @@ def test_a_worker_shows_what_its_child_makes(tmp_path: Path) -> None:
     with served(create_app(settings_of(tmp_path), control=False)) as client:
         makes = {one["id"]: one["makes"] for one in client.get("/v1/workers").json()}
     assert makes == {"drawn-render": dict(Counter(held)), "drawn-infer": {}, "drawn-eval": {}}
+
+
+def test_a_worker_shows_how_far_its_clock_is_off(tmp_path: Path) -> None:
+    world = DrawnWorld(settings_of(tmp_path))
+    with writing(world.context.engine) as connection:
+        processes.worker_seen(connection, "drawn-infer", database_time(connection), -7200.0)
+    with served(create_app(settings_of(tmp_path), control=False)) as client:
+        clocks = {one["id"]: one["clock"] for one in client.get("/v1/workers").json()}
+    assert clocks == {"drawn-render": None, "drawn-infer": "7,200 s behind the database's", "drawn-eval": None}
 
 
 def test_costs_are_the_means_of_the_products_of_each_span(fresh: httpx.Client, tmp_path: Path) -> None:
