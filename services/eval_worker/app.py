@@ -15,4 +15,4 @@ def main() -> None:
     """Run until a signal ends the process."""
     settings = load_settings()
     configure_logging(settings)
-    serve(settings, Stage.EVAL, machine=Probed(offers=()), register=register, open_maker=EvaluateMaker)
+    serve(settings, Stage.EVAL, probe=lambda _: Probed(offers=()), register=register, open_maker=EvaluateMaker)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 import structlog
@@ -12,7 +13,7 @@ from valerie.errors import UnknownName
 from valerie.logs import configure_logging
 from valerie.pipeline.functions.probe import inference_names
 from valerie.pipeline.work.makers.inference import InferMaker
-from valerie.pipeline.work.workers import infer_offers, serve, stored_specimens
+from valerie.pipeline.work.workers import infer_offers, serve
 from valerie.runs.products.states import Stage
 from valerie.settings import load_settings
 
@@ -48,7 +49,5 @@ def main() -> None:
     configure_logging(settings)
     for notice in plugins.look_at_installed():
         log.warning("worker.plugins", reason=notice)
-    functions = _functions(settings.infer_functions)
-    engines = _engines(settings.infer_engines)
-    machine = infer_offers(functions, engines, stored_specimens(settings))
-    serve(settings, Stage.INFER, machine=machine, register=register, open_maker=InferMaker)
+    probe = partial(infer_offers, _functions(settings.infer_functions), _engines(settings.infer_engines))
+    serve(settings, Stage.INFER, probe=probe, register=register, open_maker=InferMaker)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import structlog
 
 from services.render_worker.tasks import register
 from valerie import plugins
 from valerie.logs import configure_logging
 from valerie.pipeline.work.makers.rendering import RenderMaker
-from valerie.pipeline.work.workers import render_offers, serve, stored_specimens
+from valerie.pipeline.work.workers import render_offers, serve
 from valerie.runs.products.states import Stage
 from valerie.settings import load_settings
 
@@ -21,5 +23,5 @@ def main() -> None:
     configure_logging(settings)
     for notice in plugins.look_at_installed():
         log.warning("worker.plugins", reason=notice)
-    machine = render_offers(settings.render_engines.split(","), stored_specimens(settings))
-    serve(settings, Stage.RENDER, machine=machine, register=register, open_maker=RenderMaker)
+    probe = partial(render_offers, settings.render_engines.split(","))
+    serve(settings, Stage.RENDER, probe=probe, register=register, open_maker=RenderMaker)

@@ -248,8 +248,8 @@ def test_a_worker_without_signs_of_life_is_found_by_its_probes(objects: Objects,
         return subprocess.run(command, check=False, capture_output=True).returncode == 0
 
     assert not alive()
-    presence = Presence(settings, Stage.RENDER, Probed(offers=()))
-    presence.join()
+    presence = Presence(settings, Stage.RENDER)
+    presence.join(Probed(offers=()))
     assert alive()
     presence.leave()
     assert not alive()

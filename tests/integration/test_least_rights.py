@@ -127,8 +127,9 @@ def deployment(
         account = url.set(username=f"valerie_{stage}", password="secret").render_as_string(hide_password=False)
         changes = {"database_url": account, "data_dir": folder / stage, "worker_idle_seconds": 0.0}
         settings = pipeline.settings.model_copy(update=changes)
-        presences.append(Presence(settings, stage, Probed(offers=tuple(offers[stage]), specimens=specimens)))
-        presences[-1].join()
+        presences.append(Presence(settings, stage))
+        assert presences[-1].specimen_keys() <= specimens.keys()
+        presences[-1].join(Probed(offers=tuple(offers[stage]), specimens=specimens))
         opened = presences[-1].open_context(settings, Fitness.counts())
         contexts[stage] = replace(opened, store=stores[stage], broker=pipeline.context.broker)
         pipeline.makers[stage] = Watched(makers[stage](contexts[stage]))

@@ -46,9 +46,9 @@ _PROBE_TIMEOUT_SECONDS: Final = 120.0
 
 
 class Presence:
-    """Thread that refreshes a worker's row and health file until `leave`, while Celery may fork at any time."""
+    """Thread that refreshes a worker's row and health file from `join` until `leave`, while Celery may fork at any time."""
 
-    def __init__(self, settings: Settings, stage: Stage, machine: Probed) -> None:
+    def __init__(self, settings: Settings, stage: Stage) -> None:
         self._engine = open_database(settings.database_url, seconds=settings.database_seconds)
         self._stop = threading.Event()
         self._worker = WorkerRow(
@@ -56,11 +56,10 @@ class Presence:
             stage=stage,
             host=os.uname().nodename,
             pid=os.getpid(),
-            offers=machine.offers,
+            offers=(),
             started_at=0.0,
             seen_at=0.0,
         )
-        self._specimens = machine.specimens
         self._health = settings.data_dir / "health" / f"{stage}-{os.uname().nodename}-{os.getpid()}"
         self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
 
@@ -85,20 +84,29 @@ class Presence:
 
         return replace(context, owner=processes.owner_of(worker.id), fitness=Fitness(test, failures))
 
-    def join(self) -> None:
-        """Become visible.
+    def specimen_keys(self) -> frozenset[str]:
+        """Return the keys of the specimens in the database, which this worker need not make.
 
         Raises:
             Conflict: the database is older or newer than this version.
             TransientError: the database does not answer.
         """
         require_current(self._engine)
+        with reading(self._engine) as connection:
+            return processes.specimen_keys(connection)
+
+    def join(self, machine: Probed) -> None:
+        """Become visible with what this machine offers.
+
+        Raises:
+            TransientError: the database does not answer.
+        """
         self._health.parent.mkdir(parents=True, exist_ok=True)
         with unforked(), writing(self._engine) as connection:
             now, ahead = compared_clocks(connection)
-            self._worker = replace(self._worker, started_at=now, seen_at=now, clock_ahead=ahead)
+            self._worker = replace(self._worker, offers=machine.offers, started_at=now, seen_at=now, clock_ahead=ahead)
             processes.register_worker(connection, self._worker)
-            processes.keep_specimens(connection, self._specimens)
+            processes.keep_specimens(connection, machine.specimens)
         self._health.touch()
         self._thread.start()
 
@@ -127,22 +135,6 @@ class Presence:
             now, ahead = compared_clocks(connection)
             if not processes.worker_seen(connection, self._worker.id, now, ahead):
                 processes.register_worker(connection, replace(self._worker, seen_at=now, clock_ahead=ahead))
-
-
-def stored_specimens(settings: Settings) -> frozenset[str]:
-    """Return the keys of the specimens in the database.
-
-    Raises:
-        Conflict: the database is older or newer than this version.
-        TransientError: the database does not answer.
-    """
-    engine = open_database(settings.database_url, seconds=settings.database_seconds)
-    try:
-        require_current(engine)
-        with reading(engine) as connection:
-            return processes.specimen_keys(connection)
-    finally:
-        engine.dispose()
 
 
 def render_offers(engines: Sequence[str], stored: Collection[str] = ()) -> Probed:
@@ -245,7 +237,7 @@ def serve(
     settings: Settings,
     stage: Stage,
     *,
-    machine: Probed,
+    probe: Callable[[Collection[str]], Probed],
     register: Callable[[Celery], Child],
     open_maker: Callable[[Context], Maker],
 ) -> None:
@@ -254,26 +246,29 @@ def serve(
     Args:
         settings: settings of this deployment.
         stage: stage of its products.
-        machine: what this machine offers; the routes of its offers are the queues that are consumed.
+        probe: returns what this machine offers, without the specimens of the given keys. The routes of its offers are the
+            queues that are consumed.
         register: declares the stage's tasks on the Celery app.
         open_maker: called in the forked child, before its first task.
 
     Raises:
         Conflict: the database is older or newer than this version.
         InvalidInput: there is no broker, and the worker shall wait for messages.
+        MissingDependency: this machine offers nothing.
         TransientError: the database does not answer.
     """
-    presence = Presence(settings, stage, machine)
-    routes = sorted({offer.route for offer in machine.offers}) or [EVAL_QUEUE]
-    if settings.worker_idle_seconds is not None:
-        _serve_asking(settings, presence, routes, open_maker)
-        return
-    if settings.broker_url == NO_BROKER:
+    if settings.broker_url == NO_BROKER and settings.worker_idle_seconds is None:
         raise InvalidInput(
             "without a broker, a worker has to ask the database",
             field="VALERIE_WORKER_IDLE_SECONDS",
             limit="the seconds without work after which the worker ends",
         )
+    presence = Presence(settings, stage)
+    machine = probe(presence.specimen_keys())
+    routes = sorted({offer.route for offer in machine.offers}) or [EVAL_QUEUE]
+    if settings.worker_idle_seconds is not None:
+        _serve_asking(settings, presence, machine, routes, open_maker)
+        return
     app = create_celery(settings)
     child = register(app)
     failures = RawArray(ctypes.c_int, Fitness.counts())  # in memory that all children share
@@ -290,7 +285,7 @@ def serve(
         ready.set()
 
     worker_ready.connect(note_ready, weak=False)
-    presence.join()
+    presence.join(machine)
     try:
         app.worker_main(
             [
@@ -319,13 +314,17 @@ def serve(
 
 
 def _serve_asking(
-    settings: Settings, presence: Presence, routes: Sequence[str], open_maker: Callable[[Context], Maker]
+    settings: Settings,
+    presence: Presence,
+    machine: Probed,
+    routes: Sequence[str],
+    open_maker: Callable[[Context], Maker],
 ) -> None:
     """Run a worker that asks the database for work; a batch system restarts it if a driver ends the process."""
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())  # ends after the products in work
-    presence.join()
+    presence.join(machine)
     try:
         context = presence.open_context(settings, Fitness.counts())
         ask_for_work(context, open_maker(context), routes, stop)

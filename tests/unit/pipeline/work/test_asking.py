@@ -19,7 +19,6 @@ from valerie.errors import InvalidInput
 from valerie.pipeline.work.asking import ask_for_work
 from valerie.pipeline.work.stages import Maker
 from valerie.pipeline.work.workers import serve
-from valerie.runs.products.pins import Probed
 from valerie.runs.products.states import EVAL_QUEUE, Stage, stage_of
 from valerie.settings import NO_BROKER
 
@@ -139,4 +138,4 @@ def test_a_worker_without_work_ends_in_time(pipelines: Callable[..., Pipeline]) 
 def test_a_worker_that_waits_for_messages_needs_a_broker(pipeline: Pipeline) -> None:
     settings = pipeline.settings.model_copy(update={"worker_idle_seconds": None})
     with pytest.raises(InvalidInput, match="VALERIE_WORKER_IDLE_SECONDS"):
-        serve(settings, Stage.EVAL, machine=Probed(offers=()), register=None, open_maker=None)  # type: ignore[arg-type]
+        serve(settings, Stage.EVAL, probe=None, register=None, open_maker=None)  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ from valerie.db import processes
 from valerie.db.engine import open_database, reading
 from valerie.db.migrate import migrate
 from valerie.errors import Conflict
-from valerie.pipeline.work.workers import Presence, render_offers, stored_specimens
+from valerie.pipeline.work.workers import Presence, render_offers
 from valerie.runs.products.pins import Probed
 from valerie.runs.products.specimens import specimen_key
 from valerie.runs.products.states import Stage
@@ -23,8 +23,8 @@ from valerie.runs.products.states import Stage
 def test_a_worker_touches_its_file_while_the_database_is_away_and_removes_it_at_its_end(tmp_path: Path) -> None:
     settings = settings_of(tmp_path)
     migrate(open_database(settings.database_url))
-    presence = Presence(settings, Stage.EVAL, Probed(offers=()))
-    presence.join()
+    presence = Presence(settings, Stage.EVAL)
+    presence.join(Probed(offers=()))
     (file,) = (tmp_path / "health").iterdir()
     locked = sqlite3.connect(tmp_path / "valerie.sqlite3", isolation_level=None)
     locked.execute("BEGIN EXCLUSIVE")
@@ -46,8 +46,8 @@ def test_a_worker_reports_its_clock_beside_the_databases(tmp_path: Path, monkeyp
     seen, own = [], time.time  # which stays the database's clock
     for ahead in (0.0, -7200.0, 7200.0):
         monkeypatch.setattr(time, "time", lambda ahead=ahead: own() + ahead)
-        presence = Presence(settings, Stage.EVAL, Probed(offers=()))
-        presence.join()
+        presence = Presence(settings, Stage.EVAL)
+        presence.join(Probed(offers=()))
         with reading(engine) as connection:
             (worker,) = processes.workers(connection, now=own())
         seen.append(worker.clock_ahead)
@@ -60,8 +60,8 @@ def test_a_clock_that_is_set_while_a_worker_lives_is_reported(tmp_path: Path, mo
     settings = settings_of(tmp_path)
     engine = open_database(settings.database_url)
     migrate(engine)
-    presence = Presence(settings, Stage.EVAL, Probed(offers=()))
-    presence.join()
+    presence = Presence(settings, Stage.EVAL)
+    presence.join(Probed(offers=()))
     own = time.time
     monkeypatch.setattr(time, "time", lambda: own() + 7200.0)
     deadline = time.monotonic() + 30.0
@@ -80,24 +80,24 @@ def test_a_worker_makes_only_the_specimens_that_its_database_lacks(
 ) -> None:
     monkeypatch.setenv("VALERIE_TESTING_ENGINES", "true")
     settings = settings_of(tmp_path)
+    presence = Presence(settings, Stage.RENDER)
     with pytest.raises(Conflict, match="valerie migrate"):
-        stored_specimens(settings)
+        presence.specimen_keys()
     engine = open_database(settings.database_url)
     migrate(engine)
-    assert not stored_specimens(settings)
-    first = render_offers(["blank"], stored_specimens(settings))
+    assert not presence.specimen_keys()
+    first = render_offers(["blank"], presence.specimen_keys())
     keys = {specimen_key(offer) for offer in first.offers}
     assert set(first.specimens) == keys
-    presence = Presence(settings, Stage.RENDER, first)
-    presence.join()
+    presence.join(first)
     presence.leave()
-    assert stored_specimens(settings) == keys
-    again = render_offers(["blank"], stored_specimens(settings))
+    presence = Presence(settings, Stage.RENDER)
+    assert presence.specimen_keys() == keys
+    again = render_offers(["blank"], presence.specimen_keys())
     assert (again.offers, again.specimens) == (first.offers, {})
     missing = specimen_key(first.offers[0])
     assert set(render_offers(["blank"], keys - {missing}).specimens) == {missing}
-    presence = Presence(settings, Stage.RENDER, again)
-    presence.join()
+    presence.join(again)
     presence.leave()
     with reading(engine) as connection:
         assert processes.stored_specimens(connection, keys) == first.specimens
