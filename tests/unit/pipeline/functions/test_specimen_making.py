@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+
 import pytest
 
 from valerie.labels import PERSON
@@ -63,6 +67,31 @@ def test_inference_engines_make_a_specimen_and_http_functions_none(monkeypatch: 
     monkeypatch.setenv("VALERIE_HTTP_FUNCTIONS", "127.0.0.1:1")
     (http,) = probe_inference("http", specimens)
     assert specimen_key(http) not in specimens
+
+
+#: Probe a function that openvino runs; print what is new to the stored keys, and whether torch was loaded.
+PROBE = """
+import json, sys
+from valerie.pipeline.functions.probe import probe_function
+from valerie.runs.products.specimens import specimen_key
+stored = dict.fromkeys(sys.argv[1:], b"")
+(offer,) = probe_function("semantic-fpn-small", stored)
+print(json.dumps([specimen_key(offer), sorted(stored.keys() - set(sys.argv[1:])), "torch" in sys.modules]))
+"""
+
+
+def test_a_worker_whose_specimen_is_stored_starts_without_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VALERIE_INFER_DEVICE", "cpu")
+
+    def probed(*stored: str) -> tuple[str, list[str], bool]:
+        command = [sys.executable, "-c", PROBE, *stored]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        key, new, torch = json.loads(done.stdout)
+        return key, new, torch
+
+    key, new, torch = probed()
+    assert (new, torch) == ([key], True)
+    assert probed(key) == (key, [], False)
 
 
 def test_an_engine_that_cannot_make_a_specimen_is_offered_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import onnx
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
-from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.documents.function import FunctionDocument, OutputDocument
 from valerie.perception.documents.options import OnnxOptions
 from valerie.perception.importing.onnx_files import is_quantized, read_onnx
 from valerie.perception.running.adaptation import Size
@@ -19,37 +21,52 @@ from valerie.perception.running.engines.graph import whole_graph
 from valerie.perception.running.engines.upsampling import upsampled_ids
 
 
+#: What builds the networks of a kind.
+_LIBRARIES: Final = {"network": ("torch",), "huggingface": ("torch", "transformers")}
+
+
 class NetworkFile:
     """An ONNX network whose graph can be built for pieces of any size.
+
+    A torch network is built and exported with its first graph: torch takes seconds to import, and a worker that starts only
+    asks for the engine's numeric class.
 
     Args:
         document: document of kind ``onnx``, ``network`` or ``huggingface``.
         payload: its file.
 
-    Attributes:
-        output: output of the document, with the network's own ``align_corners``.
-        network: returns the network alone, as ONNX, for pieces of a size.
-
     Raises:
-        InvalidInput, UnknownName: document and payload do not fit each other; also precision int8 of a network that is not
-            quantised, and any other precision of one that is.
-        MissingDependency: torch or transformers is needed but not installed.
+        InvalidInput: precision int8 of a network that is not quantised, or any other precision of one that is.
+        ModuleNotFoundError: torch or transformers is needed but not installed.
     """
 
     def __init__(self, document: FunctionDocument, payload: Path) -> None:
         self.document = document
-        self.output = document.output
+        self._payload = payload
         if document.kind == "onnx":
             _require_stated(document.precision, quantized=is_quantized(read_onnx(payload)))
-            self.network: Callable[[Size], bytes] = lambda _: payload.read_bytes()
-        else:
-            self.network = self._exported(payload)
+        for library in _LIBRARIES.get(document.kind, ()):
+            if find_spec(library) is None:
+                raise ModuleNotFoundError(f"No module named {library!r}", name=library)
+
+    @property
+    def output(self) -> OutputDocument:
+        """Output of the document, with the network's own ``align_corners``."""
+        return self._opened[0]
+
+    def network(self, piece: Size) -> bytes:
+        """Return the network alone, as ONNX, for pieces of a size.
+
+        Raises:
+            InvalidInput, UnknownName: document and payload do not fit each other.
+        """
+        return self._opened[1](piece)
 
     def graph(self, piece: Size, labels: Size) -> bytes:
         """Return the whole graph (see `whole_graph`) for these sizes, serialised.
 
         Raises:
-            InvalidInput: the network does not fit the document or does not accept pieces of this size.
+            InvalidInput, UnknownName: the network does not fit the document or does not accept pieces of this size.
         """
         model = whole_graph(
             onnx.load_from_string(self.network(piece)),
@@ -79,18 +96,22 @@ class NetworkFile:
             )
         return upsampled_ids(answer, labels, align_corners=self.output.align_corners)
 
-    def _exported(self, payload: Path) -> Callable[[Size], bytes]:
+    @cached_property
+    def _opened(self) -> tuple[OutputDocument, Callable[[Size], bytes]]:
+        output = self.document.output
+        if self.document.kind == "onnx":
+            return output, lambda _: self._payload.read_bytes()
         from valerie.perception.running.engines.export import export_onnx, looks_at_size
         from valerie.perception.running.engines.modules import open_module
 
-        module = open_module(self.document, payload)
+        module = open_module(self.document, self._payload)
         if getattr(module, "align_corners", False):
-            self.output = self.output.model_copy(update={"align_corners": True})
+            output = output.model_copy(update={"align_corners": True})
         # Networks from elsewhere may branch on sizes in ways that a trace does not show.
         if self.document.kind != "network" or looks_at_size(module):
-            return lambda piece: export_onnx(module, piece)
+            return output, lambda piece: export_onnx(module, piece)
         network = export_onnx(module, None)
-        return lambda _: network
+        return output, lambda _: network
 
 
 def _require_stated(precision: str, *, quantized: bool) -> None:
