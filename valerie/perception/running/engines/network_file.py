@@ -20,7 +20,6 @@ from valerie.perception.running.adaptation import Size
 from valerie.perception.running.engines.graph import whole_graph
 from valerie.perception.running.engines.upsampling import upsampled_ids
 
-
 #: What builds the networks of a kind.
 _LIBRARIES: Final = {"network": ("torch",), "huggingface": ("torch", "transformers")}
 
