@@ -208,6 +208,7 @@ class Simulation:
         self._faults: list[Fault] = []
         self._acts: dict[str, Fault] = {}
         self._sql = raw = deployment.restart(self._schedule)
+        self._changes, self._states = -1, [""]
         raw.create_function("moved", 6, self._moved)
         raw.create_function("tried", 2, self._tried)
         raw.create_function("viewed", 2, self._viewed)
@@ -463,18 +464,21 @@ class Simulation:
             self._violation(f"the rows of product {digest[:6]} are not its own")
 
     def _check(self) -> None:
+        if self._sql.total_changes == self._changes:  # nothing was written since
+            return
+        self._changes = self._sql.total_changes
+        self._states = [row[0] for row in self._sql.execute("SELECT state FROM runs")]
         if self._sql.execute(_LOST).fetchone()[0]:
             self._violation("a running run has parked products, which nothing will make ready")
 
     def _over(self) -> bool:
         if self._violations:
             return True
-        states = [row[0] for row in self._sql.execute("SELECT state FROM runs")]
         late = self._calm() and self._schedule.now > self._disturbed_at + PATIENCE
         if late:
             counts = self._sql.execute("SELECT state, route, count(*) FROM products GROUP BY 1, 2").fetchall()
-            self._violation(f"after {self._schedule.now:.0f} s the runs are {states}; products: {counts}")
-        return late or all(state == "completed" for state in states)
+            self._violation(f"after {self._schedule.now:.0f} s the runs are {self._states}; products: {counts}")
+        return late or all(state == "completed" for state in self._states)
 
     def _digest(self) -> str:
         rows = self._sql.execute(_RESULT).fetchall()

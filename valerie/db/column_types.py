@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from datetime import datetime
 from enum import StrEnum
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
+import orjson
 from pydantic import TypeAdapter
-from sqlalchemy import JSON, DateTime, Dialect, Enum, TypeDecorator
+from sqlalchemy import ARRAY, JSON, DateTime, Dialect, Enum, String, TypeDecorator
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.types import TypeEngine
 
@@ -48,6 +50,22 @@ class JsonDocument(TypeDecorator[D], Generic[D]):
     def process_result_value(self, value: Any, dialect: Dialect) -> D | None:  # noqa: ARG002
         """Return the document in a JSON text."""
         return None if value is None else self._adapter.validate_json(value)
+
+
+class TextArray(TypeDecorator[Collection[str]]):
+    """The type of a bound value of several texts: an array, or on SQLite JSON for ``json_each``."""
+
+    impl = String
+    cache_ok = True
+
+    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
+        """Return the value's type in a database."""
+        return ARRAY(String) if dialect.name == "postgresql" else String()
+
+    def process_bind_param(self, value: Collection[str] | None, dialect: Dialect) -> Any:
+        """Return the value as the driver takes it."""
+        texts = list(value or ())
+        return texts if dialect.name == "postgresql" else orjson.dumps(texts).decode()
 
 
 class UtcMoment(TypeDecorator[datetime]):

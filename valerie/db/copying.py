@@ -133,8 +133,10 @@ def _copy_marks(source: Connection, target: Connection, run_id: str) -> None:
 def _copy_products(source: Connection, target: Connection, products: list[_CopiedProduct]) -> None:
     done = {product.digest for product in products if product.done}
     # What nobody there needed was given up, and may be replaced.
-    target.execute(delete(Product).where(among(target, Product.digest, done), Product.state == ProductState.PARKED))
-    condition = among(target, Product.digest, [product.digest for product in products])
+    target.execute(
+        delete(Product).where(among(target.dialect.name, Product.digest, done), Product.state == ProductState.PARKED)
+    )
+    condition = among(target.dialect.name, Product.digest, [product.digest for product in products])
     there = dict(target.execute(select(Product.digest, Product.state).where(condition)).all())
     if unfinished := [digest for digest, state in there.items() if digest in done and state is not ProductState.DONE]:
         raise Conflict(
@@ -144,7 +146,7 @@ def _copy_products(source: Connection, target: Connection, products: list[_Copie
     new = [product for product in products if product.digest not in there]
     insert_ignoring(target, Product, [product.values for product in new])
     for table, column in _CONTENTS.items():
-        condition = among(source, column, [product.digest for product in new])
+        condition = among(source.dialect.name, column, [product.digest for product in new])
         for rows in _chunks(_rows(source, table, condition)):
             target.execute(insert(table), [*rows])
 

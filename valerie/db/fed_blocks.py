@@ -42,12 +42,7 @@ def open_block(connection: Connection, run_id: str, first: int, last: int) -> No
 
 def open_blocks(connection: Connection, run_id: str) -> list[OpenBlock]:
     """Return the unfinished blocks."""
-    rows = connection.execute(
-        select(FedBlock.number, FedBlock.first, FedBlock.last)
-        .where(FedBlock.run_id == run_id, FedBlock.counts.is_(None))
-        .order_by(FedBlock.number)
-    )
-    return [OpenBlock(*row) for row in rows]
+    return [OpenBlock(*row) for row in connection.execute(_OPEN, {"run": run_id})]
 
 
 def closed_counts(connection: Connection, run_id: str) -> dict[int, BlockCounts]:
@@ -140,6 +135,11 @@ def _count_evaluations() -> Executable:
 # Built once: building them costs several times as much as executing them on a block.
 _FRAMES: Final = _count_frames()
 _EVALUATIONS: Final = _count_evaluations()
+_OPEN: Final = (
+    select(FedBlock.number, FedBlock.first, FedBlock.last)
+    .where(FedBlock.run_id == bindparam("run"), FedBlock.counts.is_(None))
+    .order_by(FedBlock.number)
+)
 
 
 def _counts(connection: Connection, statement: Executable, block: dict[str, str | int]) -> list[int]:

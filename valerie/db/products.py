@@ -6,8 +6,9 @@ States: *waiting* (inputs are missing) → *ready* (a message may be under way) 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from operator import attrgetter
 from typing import Final, NamedTuple
 
@@ -116,7 +117,7 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
     # A worker must not park what this transaction is about to link.
     lock(connection, digests)
     columns = Product.digest, Product.state, Product.owner, Product.turn
-    present = connection.execute(select(*columns).where(among(connection, Product.digest, digests)))
+    present = connection.execute(select(*columns).where(among(connection.dialect.name, Product.digest, digests)))
     states = {digest: (state, owner, turn) for digest, state, owner, turn in present}
     done: set[str | None] = {None, *(digest for digest, (state, *_) in states.items() if state is ProductState.DONE)}
     rows: list[_NewProduct] = []
@@ -173,15 +174,10 @@ def present_turns(connection: Connection) -> dict[str, float]:
 
 def revive(connection: Connection, digests: Collection[str]) -> None:
     """Reset the failed and parked products among ``digests`` to waiting, as if never tried."""
+    dialect = connection.dialect.name
     connection.execute(
         update(Product)
-        .where(
-            in_order(
-                connection,
-                among(connection, Product.digest, digests),
-                Product.state.in_((ProductState.FAILED, ProductState.PARKED)),
-            )
-        )
+        .where(in_order(dialect, among(dialect, Product.digest, digests), Product.state.in_(_TRIED_AGAIN)))
         .values(
             state=ProductState.WAITING,
             attempts=0,
@@ -196,7 +192,7 @@ def revive(connection: Connection, digests: Collection[str]) -> None:
 
 def promote(connection: Connection, digests: Collection[str], now: float) -> list[Ready]:
     """Make the waiting products among ``digests`` ready whose inputs are all done; return them."""
-    return _promote(connection, among(connection, Product.digest, digests), now)
+    return _promote(connection, _among_them, now, digests)
 
 
 def promote_dependents(connection: Connection, inputs: Collection[str], now: float) -> list[Ready]:
@@ -205,24 +201,43 @@ def promote_dependents(connection: Connection, inputs: Collection[str], now: flo
     Call it in its own transaction, after the one that finished the inputs: if two workers finish the two inputs of one
     product at the same time, the later one then sees both.
     """
-    # One SELECT per column: SQLite reads no partial index for the parts of an OR.
-    waiting = [select(Product.digest).where(WAITING, among(connection, column, inputs)) for column in _INPUTS]
-    return _promote(connection, Product.digest.in_(union(*waiting)), now)
+    return _promote(connection, _dependent, now, inputs)
 
 
 def promote_all(connection: Connection, now: float) -> list[Ready]:
     """Make every waiting product ready whose inputs are done; return them."""
-    return _promote(connection, UNFINISHED, now)
+    return _promote(connection, _unfinished, now, ())
 
 
-def _promote(connection: Connection, condition: ColumnElement[bool], now: float) -> list[Ready]:
-    statement = (
+def _among_them(dialect: str) -> ColumnElement[bool]:
+    return among(dialect, Product.digest)
+
+
+def _dependent(dialect: str) -> ColumnElement[bool]:
+    # One SELECT per column: SQLite reads no partial index for the parts of an OR.
+    return Product.digest.in_(union(*(select(Product.digest).where(WAITING, among(dialect, x)) for x in _INPUTS)))
+
+
+def _unfinished(_: str) -> ColumnElement[bool]:
+    return UNFINISHED
+
+
+def _promote(
+    connection: Connection, condition: Callable[[str], ColumnElement[bool]], now: float, digests: Collection[str]
+) -> list[Ready]:
+    statement = _promotion(connection.dialect.name, condition)
+    return to_send(connection.execute(statement, {"digests": digests, "now": now}))
+
+
+# Building a statement costs several times as much as executing it on a few products.
+@cache
+def _promotion(dialect: str, condition: Callable[[str], ColumnElement[bool]]) -> Executable:
+    return (
         update(Product)
-        .where(in_order(connection, Product.state == ProductState.WAITING, condition, _INPUTS_DONE))
-        .values(state=ProductState.READY, sent_at=now)
+        .where(in_order(dialect, Product.state == ProductState.WAITING, condition(dialect), _INPUTS_DONE))
+        .values(state=ProductState.READY, sent_at=bindparam("now"))
         .returning(*READY_COLUMNS)
     )
-    return to_send(connection.execute(statement))
 
 
 def to_send(rows: Iterable[Row[str, ProductKind, str, str, float]]) -> list[Ready]:
@@ -358,19 +373,8 @@ def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: fl
 
     A product without a link from a running run is parked instead.
     """
-    statement = (
-        update(Product)
-        .where(in_order(connection, Product.digest.in_(digests), Product.state == ProductState.READY))
-        .values(
-            state=ProductState.RUNNING,
-            lease_owner=owner,
-            lease_until=now + lease_seconds,
-            not_before=None,
-            attempts=Product.attempts + 1,
-        )
-        .returning(Product.digest, Product.kind, Product.attempts)
-    )
-    claimed = {row.digest: row for row in connection.execute(statement)}
+    lease = {"digests": digests, "holder": owner, "until": now + lease_seconds}
+    claimed = {row.digest: row for row in connection.execute(_claim(connection.dialect.name), lease)}
     jobs: list[Job] = []
     orphans: list[str] = []
     for digest in digests:  # the message's order suits the warm cache
@@ -389,6 +393,22 @@ def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: fl
             .values(state=ProductState.PARKED, lease_owner=None, lease_until=None)
         )
     return jobs
+
+
+@cache
+def _claim(dialect: str) -> Executable:
+    return (
+        update(Product)
+        .where(in_order(dialect, among(dialect, Product.digest), Product.state == ProductState.READY))
+        .values(
+            state=ProductState.RUNNING,
+            lease_owner=bindparam("holder"),
+            lease_until=bindparam("until"),
+            not_before=None,
+            attempts=Product.attempts + 1,
+        )
+        .returning(Product.digest, Product.kind, Product.attempts)
+    )
 
 
 def _frame_job(column: InstrumentedAttribute[str]) -> Executable:
@@ -453,13 +473,20 @@ def _job(connection: Connection, digest: str, kind: ProductKind, attempts: int) 
     return Job(digest, kind, attempts, StoredFrame.of(row), look)
 
 
-def _held(digests: Collection[str], owner: str) -> tuple[ColumnElement[bool], ...]:
-    return Product.digest.in_(digests), Product.lease_owner == owner, Product.state == ProductState.RUNNING
+@cache
+def _held(dialect: str) -> tuple[ColumnElement[bool], ...]:
+    held = Product.lease_owner == bindparam("holder"), Product.state == ProductState.RUNNING
+    return among(dialect, Product.digest), *held
 
 
 def renew(connection: Connection, digests: Collection[str], *, owner: str, until: float) -> None:
     """Extend the leases that ``owner`` still holds."""
-    connection.execute(update(Product).where(in_order(connection, *_held(digests, owner))).values(lease_until=until))
+    connection.execute(_renewal(connection.dialect.name), {"digests": digests, "holder": owner, "until": until})
+
+
+@cache
+def _renewal(dialect: str) -> Executable:
+    return update(Product).where(in_order(dialect, *_held(dialect))).values(lease_until=bindparam("until"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -500,6 +527,22 @@ class SharedStatics:
     pixels: int
 
 
+_DONE: Final = (
+    update(Product.__table__)  # type: ignore[arg-type]
+    .where(Product.__table__.c.digest == bindparam("product"))
+    .values(
+        state=ProductState.DONE,
+        lease_owner=None,
+        lease_until=None,
+        error=None,
+        bytes=bindparam("size"),
+        pixels=bindparam("area"),
+        cpu_seconds=bindparam("cpu"),
+        finished_at=bindparam("now"),
+    )
+)
+
+
 def publish(connection: Connection, finished: Sequence[Finished], *, owner: str, now: float) -> list[str]:
     """Mark products done and write their rows.
 
@@ -511,30 +554,14 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
     """
     digests = [product.digest for product in finished]
     lock(connection, digests)  # a product keeps its holder until its rows are written
-    condition = among(connection, Product.digest, digests)
-    held = set(
-        connection.scalars(
-            select(Product.digest).where(condition, Product.state == ProductState.RUNNING, Product.lease_owner == owner)
-        )
-    )
+    query = select(Product.digest).where(*_held(connection.dialect.name))
+    held = set(connection.scalars(query, {"digests": digests, "holder": owner}))
     published = [product for product in finished if product.digest in held]
     if not published:
         return []
-    table = Product.__table__
     connection.execute(
-        update(table)  # type: ignore[arg-type]
-        .where(table.c.digest == bindparam("product"))
-        .values(
-            state=ProductState.DONE,
-            lease_owner=None,
-            lease_until=None,
-            error=None,
-            bytes=bindparam("size"),
-            pixels=bindparam("area"),
-            cpu_seconds=bindparam("cpu"),
-            finished_at=now,
-        ),
-        [{"product": p.digest, "size": p.bytes, "area": p.pixels, "cpu": p.cpu_seconds} for p in published],
+        _DONE,
+        [{"product": p.digest, "size": p.bytes, "area": p.pixels, "cpu": p.cpu_seconds, "now": now} for p in published],
     )
     _publish_parts(connection, published, now)
     views = [{"truth": p.digest, **person.columns} for p in published for person in p.person_views]
@@ -580,18 +607,19 @@ def hand_back(
     connection: Connection, digests: Collection[str], *, owner: str, not_before: float, count_attempt: bool = True
 ) -> None:
     """Return leased products after a transient fault; they rest until ``not_before``, then the sweeper sends them again."""
-    attempts = Product.attempts if count_attempt else Product.attempts - 1
+    dialect = connection.dialect.name
     connection.execute(
         update(Product)
-        .where(in_order(connection, *_held(digests, owner)))
+        .where(in_order(dialect, *_held(dialect)))
         .values(
             state=ProductState.READY,
             lease_owner=None,
             lease_until=None,
             sent_at=None,
-            not_before=not_before,
-            attempts=attempts,
-        )
+            not_before=bindparam("rests"),
+            attempts=Product.attempts if count_attempt else Product.attempts - 1,
+        ),
+        {"digests": digests, "holder": owner, "rests": not_before},
     )
 
 
@@ -639,8 +667,8 @@ def lock_with_dependents(connection: Connection, digests: Iterable[str]) -> None
     family, generation = set[str](), set(digests)
     while generation:
         family |= generation
-        waiting = [select(Product.digest).where(WAITING, among(connection, column, generation)) for column in _INPUTS]
-        generation = set(connection.scalars(union(*waiting))) - family
+        waiting = select(Product.digest).where(_dependent(connection.dialect.name))
+        generation = set(connection.scalars(waiting, {"digests": generation})) - family
     lock(connection, family)
 
 
@@ -648,15 +676,17 @@ def forget(connection: Connection, digests: Collection[str]) -> None:
     """Have finished products made again, whose objects are missing or damaged."""
     connection.execute(
         update(Product)
-        .where(in_order(connection, Product.digest.in_(digests), Product.state == ProductState.DONE))
+        .where(in_order(connection.dialect.name, Product.digest.in_(digests), Product.state == ProductState.DONE))
         .values(state=ProductState.WAITING, sent_at=None)
     )
 
 
 def await_inputs(connection: Connection, digests: Collection[str], *, owner: str) -> None:
     """Return leased products to waiting: their inputs have to be made again."""
+    dialect = connection.dialect.name
     connection.execute(
         update(Product)
-        .where(in_order(connection, *_held(digests, owner)))
-        .values(state=ProductState.WAITING, lease_owner=None, lease_until=None)
+        .where(in_order(dialect, *_held(dialect)))
+        .values(state=ProductState.WAITING, lease_owner=None, lease_until=None),
+        {"digests": digests, "holder": owner},
     )

@@ -190,18 +190,21 @@ class FailedLink(NamedTuple):
     error: ProductError
 
 
+_FAILURES: Final = tuple(
+    select(*frame_order(table), Product.digest, Product.kind, Product.error)
+    .join(Product, Product.digest == column)
+    .where(table.run_id == bindparam("run"), Product.state == ProductState.FAILED)
+    .order_by(*frame_order(table))
+    .limit(bindparam("most"))
+    for table, column in PRODUCT_LINKS
+)
+
+
 def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[FailedLink]:
     """Read the final failures of a run, one entry per link, in the order of the stages."""
     failed: list[FailedLink] = []
-    for table, column in PRODUCT_LINKS:
-        query = (
-            select(*frame_order(table), Product.digest, Product.kind, Product.error)
-            .join(Product, Product.digest == column)
-            .where(table.run_id == run_id, Product.state == ProductState.FAILED)
-            .order_by(*frame_order(table))
-            .limit(limit - len(failed))
-        )
-        rows = connection.execute(query)
+    for query in _FAILURES:
+        rows = connection.execute(query, {"run": run_id, "most": limit - len(failed)})
         failed += [FailedLink(key_of(run_id, row), row.digest, row.kind, row.error) for row in rows]
         if len(failed) >= limit:
             break

@@ -71,7 +71,7 @@ def park_unkept(connection: Connection, run_id: str, first: int, last: int) -> l
 
 def park_still_unkept(connection: Connection, digests: Collection[str]) -> list[Unlinked]:
     """Park those of some products that are `unkept` now, as `park_unkept` does."""
-    return _park(connection, among(connection, Product.digest, digests))
+    return _park(connection, among(connection.dialect.name, Product.digest, digests))
 
 
 def unkept(connection: Connection, *conditions: ColumnElement[bool]) -> list[Unlinked]:
@@ -93,7 +93,7 @@ def unkept(connection: Connection, *conditions: ColumnElement[bool]) -> list[Unl
 def _park(connection: Connection, condition: ColumnElement[bool]) -> list[Unlinked]:
     keep_from_being_linked(connection)
     products = unkept(connection, condition)
-    parked = among(connection, Product.digest, [product.digest for product in products])
+    parked = among(connection.dialect.name, Product.digest, [product.digest for product in products])
     connection.execute(update(Product).where(parked).values(state=ProductState.PARKED))
     return products
 

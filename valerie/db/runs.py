@@ -8,9 +8,11 @@ from datetime import datetime
 from typing import Any, Final, NamedTuple, TypedDict, Unpack
 
 from sqlalchemy import (
+    BindParameter,
     ColumnElement,
     Connection,
     Select,
+    String,
     Subquery,
     and_,
     bindparam,
@@ -165,6 +167,14 @@ class Relative:
 _RUN = select(*columns_of(RunRow, Run))
 # Built once: building a statement costs more than executing it, and the control loop asks for these in each round.
 _RUN_OF_ID = _RUN.where(Run.id == bindparam("run_id"))
+_TO_CHANGE = _RUN_OF_ID.with_for_update(key_share=True)
+_FED = (
+    select(Run.state, Run.next_index, Run.rejected_count, Run.turn)
+    .where(Run.id == bindparam("run_id"))
+    .with_for_update(key_share=True)  # SQLite: no one else writes
+)
+_OF_ID = update(Run).where(Run.id == bindparam("run"))
+_IN_STATES = _OF_ID.where(Run.state.in_(bindparam("expected", expanding=True)))
 _RUNS_IN_STATES = _RUN.where(Run.state.in_(bindparam("states", expanding=True))).order_by(Run.created_at, Run.id)
 
 
@@ -245,7 +255,7 @@ def to_change(connection: Connection, run_id: str) -> RunRow:
         NotFound: no such run.
         Conflict: it is archived.
     """
-    run = read_first(connection, _RUN.where(Run.id == run_id).with_for_update(key_share=True), RunRow)
+    run = read_first(connection, _TO_CHANGE, RunRow, run_id=run_id)
     if run is None:
         raise NotFound("run", run_id)
     if run.archive is not None:
@@ -271,9 +281,7 @@ def fed(connection: Connection, run_id: str) -> Fed:
     Raises:
         NotFound: no such run.
     """
-    columns = Run.state, Run.next_index, Run.rejected_count, Run.turn
-    query = select(*columns).where(Run.id == run_id).with_for_update(key_share=True)  # SQLite: no one else writes
-    row = connection.execute(query).first()
+    row = connection.execute(_FED, {"run_id": run_id}).first()
     if row is None:
         raise NotFound("run", run_id)
     return Fed(*row)
@@ -465,15 +473,13 @@ def change_state(
         False if it was in none of them: another process was faster.
     """
     changes: RunValues = {"reason": None, **values}
-    changed = connection.execute(
-        update(Run).where(Run.id == run_id, Run.state.in_(expected)).values(state=state, **changes)
-    )
-    return changed.rowcount == 1
+    identity = {"run": run_id, "expected": list(expected)}
+    return connection.execute(_IN_STATES, {**identity, "state": state, **changes}).rowcount == 1
 
 
 def set_values(connection: Connection, run_id: str, **values: Unpack[RunValues]) -> None:
     """Set columns of a run."""
-    connection.execute(update(Run).where(Run.id == run_id).values(**values))
+    connection.execute(_OF_ID, {"run": run_id, **values})
 
 
 def remove(connection: Connection, run_id: str) -> None:
@@ -484,19 +490,22 @@ def remove(connection: Connection, run_id: str) -> None:
     connection.execute(delete(Run).where(Run.id == run_id))
 
 
-def links_of(run_id: str) -> Subquery:
+def links_of(run_id: str | BindParameter[str]) -> Subquery:
     """Return the digests of the products that a run links to, each once."""
     return union(*(select(column).where(table.run_id == run_id) for table, column in PRODUCT_LINKS)).subquery()
 
 
+_LINKS: Final = links_of(bindparam("run", type_=String))
+_LINKED: Final = (
+    select(Product.digest)
+    .join(_LINKS, _LINKS.c[0] == Product.digest)
+    .where(Product.state.in_(bindparam("states", expanding=True)))
+)
+
+
 def linked_digests(connection: Connection, run_id: str, states: Collection[ProductState]) -> list[str]:
     """Return the digests of the run's products in one of ``states``."""
-    links = links_of(run_id)
-    return list(
-        connection.scalars(
-            select(Product.digest).join(links, links.c[0] == Product.digest).where(Product.state.in_(states))
-        )
-    )
+    return list(connection.scalars(_LINKED, {"run": run_id, "states": list(states)}))
 
 
 def cpu_seconds(connection: Connection, run_id: str) -> dict[ProductKind, float]:

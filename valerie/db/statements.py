@@ -6,16 +6,15 @@ from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from typing import Any, Final, NamedTuple, TypeVar
 
-import orjson
 from sqlalchemy import (
-    ARRAY,
+    BindParameter,
     ColumnElement,
     Connection,
     Select,
-    String,
     TextClause,
     and_,
     any_,
+    bindparam,
     func,
     literal,
     literal_column,
@@ -26,6 +25,7 @@ from sqlalchemy import (
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import InstrumentedAttribute
 
+from valerie.db.column_types import TextArray
 from valerie.db.models import Base, DeletedRun, Product, Run, Study
 from valerie.runs.products.states import ProductState
 
@@ -33,6 +33,10 @@ from valerie.runs.products.states import ProductState
 Columns = TypeVar("Columns", bound=NamedTuple)
 #: Values of a row of any table, by column.
 Values = Mapping[str, object]
+
+
+#: Digests that are bound when a statement is executed.
+DIGESTS: Final = bindparam("digests", type_=TextArray())
 
 
 def _spelled(state: ProductState) -> ColumnElement[ProductState]:
@@ -48,15 +52,19 @@ WAITING: Final = Product.state == _spelled(ProductState.WAITING)
 ENDED: Final = Product.state.in_([_spelled(state) for state in (ProductState.DONE, ProductState.FAILED)])
 
 
-def among(connection: Connection, column: InstrumentedAttribute[Any], digests: Collection[str]) -> ColumnElement[bool]:
+def among(
+    dialect: str,
+    column: InstrumentedAttribute[Any],
+    digests: Collection[str] | BindParameter[Collection[str]] = DIGESTS,
+) -> ColumnElement[bool]:
     """Return the condition that a column is one of ``digests``.
 
     All digests are one bound value, so that the statement is compiled once.
     """
-    values = list(digests)
-    if connection.dialect.name == "postgresql":
-        return column == any_(literal(values, ARRAY(String)))
-    each = func.json_each(orjson.dumps(values).decode()).table_valued("value")
+    values = digests if isinstance(digests, BindParameter) else literal(digests, DIGESTS.type)
+    if dialect == "postgresql":
+        return column == any_(values)
+    each = func.json_each(values).table_valued("value")
     return column.in_(select(each.c.value))
 
 
@@ -66,13 +74,13 @@ def lock(connection: Connection, digests: Collection[str]) -> None:
     Two transactions that lock the same rows in different orders may wait for each other. SQLite has one writer at a time.
     """
     if connection.dialect.name == "postgresql":
-        query = select(Product.digest).where(among(connection, Product.digest, digests))
+        query = select(Product.digest).where(among(connection.dialect.name, Product.digest, digests))
         connection.execute(query.order_by(Product.digest).with_for_update())
 
 
-def in_order(connection: Connection, *conditions: ColumnElement[bool] | TextClause) -> ColumnElement[bool]:
+def in_order(dialect: str, *conditions: ColumnElement[bool] | TextClause) -> ColumnElement[bool]:
     """Return the condition that a product meets all ``conditions``; an UPDATE with it locks its rows as `lock` does."""
-    if connection.dialect.name != "postgresql":
+    if dialect != "postgresql":
         return and_(*conditions)
     rows = select(Product.digest).where(*conditions).order_by(Product.digest).with_for_update().cte("locked")
     return Product.digest.in_(select(rows.c.digest))

@@ -61,11 +61,11 @@ def bound_times(connection: Connection, *, now: float, lease_seconds: float) -> 
     bounds = {"longest": longest, "pause": now + _LONGEST_PAUSE, "now": now}
     if connection.scalar(_LATE, bounds) is None:
         return
-    held = in_order(connection, UNFINISHED, _RUNNING, Product.lease_until > longest)
+    held = in_order(connection.dialect.name, UNFINISHED, _RUNNING, Product.lease_until > longest)
     connection.execute(update(Product).where(held).values(lease_until=longest))
-    resting = in_order(connection, UNFINISHED, _READY, Product.not_before > now + _LONGEST_PAUSE)
+    resting = in_order(connection.dialect.name, UNFINISHED, _READY, Product.not_before > now + _LONGEST_PAUSE)
     connection.execute(update(Product).where(resting).values(not_before=now))
-    sent = in_order(connection, UNFINISHED, _READY, Product.sent_at > now)
+    sent = in_order(connection.dialect.name, UNFINISHED, _READY, Product.sent_at > now)
     connection.execute(update(Product).where(sent).values(sent_at=now))
 
 
@@ -99,7 +99,8 @@ def stale_ready(connection: Connection, *, now: float, resend_seconds: float, li
 
 def mark_sent(connection: Connection, digests: Collection[str], now: float) -> None:
     """Record when products were sent."""
-    ready = in_order(connection, among(connection, Product.digest, digests), Product.state == ProductState.READY)
+    dialect = connection.dialect.name
+    ready = in_order(dialect, among(dialect, Product.digest, digests), Product.state == ProductState.READY)
     connection.execute(update(Product).where(ready).values(sent_at=now))
 
 
@@ -154,4 +155,4 @@ def unlinked(connection: Connection, *, limit: int, digests: Collection[str] | N
 
 def free(connection: Connection, digests: Collection[str]) -> None:
     """Delete product rows, and with them the rows that describe their content."""
-    connection.execute(delete(Product).where(among(connection, Product.digest, digests)))
+    connection.execute(delete(Product).where(among(connection.dialect.name, Product.digest, digests)))

@@ -221,13 +221,13 @@ def failure_reasons(connection: Connection, *, newest: int = 5_000) -> list[Fail
 
 def done_digests(connection: Connection, digests: Collection[str]) -> set[str]:
     """Return the ``digests`` whose products are done."""
-    condition = among(connection, Product.digest, digests)
+    condition = among(connection.dialect.name, Product.digest, digests)
     return set(connection.scalars(select(Product.digest).where(condition, Product.state == ProductState.DONE)))
 
 
 def wanted_digests(connection: Connection, digests: Collection[str]) -> set[str]:
     """Return the ``digests`` of products that are done, failed or to be made: not parked, or stored for an archived run."""
-    condition = among(connection, Product.digest, digests)
+    condition = among(connection.dialect.name, Product.digest, digests)
     rows = set(connection.scalars(select(Product.digest).where(condition, Product.state != ProductState.PARKED)))
     # Second: a run's rows leave the database after it is archived.
     return rows | stored_in_archives(connection, digests)
