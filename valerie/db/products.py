@@ -364,7 +364,7 @@ def _advance(connection: Connection, route: str, line: _Line, count: int) -> Non
     start = case((OwnerTurn.turn > line.turn, OwnerTurn.turn), else_=line.turn)
     values = {"route": route, "owner": line.owner, "start": line.turn, "turn": line.turn + count}
     advanced = {"start": start, "turn": start + count}
-    insertion = insertion_into(connection, OwnerTurn).values(values)
+    insertion = insertion_into(connection.dialect.name, OwnerTurn).values(values)
     connection.execute(insertion.on_conflict_do_update(index_elements=["route", "owner"], set_=advanced))
 
 

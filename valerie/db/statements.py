@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
+from functools import cache
 from typing import Any, Final, NamedTuple, TypeVar
 
 from sqlalchemy import (
     BindParameter,
     ColumnElement,
     Connection,
+    Executable,
     Select,
     TextClause,
     and_,
@@ -113,17 +115,22 @@ def newest_first(
     return page if before is None else page.where(tuple_(table.created_at, table.id) < before)
 
 
-def insertion_into(connection: Connection, model: type[Base]) -> postgresql.Insert | sqlite.Insert:
-    """Return an INSERT of the connection's kind of database, which may have a clause for conflicts."""
-    return postgresql.insert(model) if connection.dialect.name == "postgresql" else sqlite.insert(model)
+def insertion_into(dialect: str, model: type[Base]) -> postgresql.Insert | sqlite.Insert:
+    """Return an INSERT of a kind of database, which may have a clause for conflicts."""
+    return postgresql.insert(model) if dialect == "postgresql" else sqlite.insert(model)
 
 
 def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Values]) -> int:
     """Insert the rows of any table whose primary keys do not exist yet; return their number."""
     if not rows:
         return 0
-    insertion = insertion_into(connection, model).on_conflict_do_nothing()
-    return connection.execute(insertion, list(rows), execution_options={"preserve_rowcount": True}).rowcount
+    options = {"preserve_rowcount": True}
+    return connection.execute(_ignoring(connection.dialect.name, model), list(rows), execution_options=options).rowcount
+
+
+@cache
+def _ignoring(dialect: str, model: type[Base]) -> Executable:
+    return insertion_into(dialect, model).on_conflict_do_nothing()
 
 
 def insert_rows(
