@@ -46,6 +46,8 @@ from valerie.db.models import (
     Variant,
 )
 from valerie.db.statements import (
+    READY,
+    RUNNING,
     UNFINISHED,
     WAITING,
     among,
@@ -168,7 +170,7 @@ def present_turns(connection: Connection) -> dict[str, float]:
     unfinished = UNFINISHED, Product.route != UPLOADED_ROUTE
     earliest = select(Product.owner, func.min(Product.turn)).where(*unfinished).group_by(Product.owner)
     every = {owner: turn for owner, turn in connection.execute(earliest)}  # noqa: C416  # mypy reads the types of rows
-    served = connection.execute(earliest.where(Product.state == ProductState.RUNNING))
+    served = connection.execute(earliest.where(RUNNING))
     return every | {owner: turn for owner, turn in served}  # noqa: C416
 
 
@@ -234,7 +236,7 @@ def _promote(
 def _promotion(dialect: str, condition: Callable[[str], ColumnElement[bool]]) -> Executable:
     return (
         update(Product)
-        .where(in_order(dialect, Product.state == ProductState.WAITING, condition(dialect), _INPUTS_DONE))
+        .where(in_order(dialect, WAITING, condition(dialect), _INPUTS_DONE))
         .values(state=ProductState.READY, sent_at=bindparam("now"))
         .returning(*READY_COLUMNS)
     )
@@ -286,7 +288,7 @@ class _Line(NamedTuple):
     turn: float
 
 
-_READY: Final = (UNFINISHED, Product.state == ProductState.READY, Product.route == bindparam("route"))
+_READY: Final = (UNFINISHED, READY, Product.route == bindparam("route"))
 _DUE: Final = (*_READY, or_(Product.not_before.is_(None), Product.not_before <= bindparam("now")))
 _ANY: Final = select(Product.digest).where(*_DUE).limit(1)
 _OF_LINE: Final = Product.owner == bindparam("line")
@@ -399,7 +401,7 @@ def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: fl
 def _claim(dialect: str) -> Executable:
     return (
         update(Product)
-        .where(in_order(dialect, among(dialect, Product.digest), Product.state == ProductState.READY))
+        .where(in_order(dialect, among(dialect, Product.digest), READY))
         .values(
             state=ProductState.RUNNING,
             lease_owner=bindparam("holder"),
@@ -475,7 +477,7 @@ def _job(connection: Connection, digest: str, kind: ProductKind, attempts: int) 
 
 @cache
 def _held(dialect: str) -> tuple[ColumnElement[bool], ...]:
-    held = Product.lease_owner == bindparam("holder"), Product.state == ProductState.RUNNING
+    held = Product.lease_owner == bindparam("holder"), RUNNING
     return among(dialect, Product.digest), *held
 
 
@@ -654,7 +656,7 @@ def fail_dependents(connection: Connection, failed: Iterable[str], now: float) -
         waiting = [select(Product.digest).where(WAITING, column == cause) for column in _INPUTS]
         causes += connection.scalars(
             update(Product)
-            .where(Product.state == ProductState.WAITING, Product.digest.in_(union(*waiting)))
+            .where(WAITING, Product.digest.in_(union(*waiting)))
             .values(state=ProductState.FAILED, error=FailedInput(cause=cause), finished_at=now)
             .returning(Product.digest)
         )

@@ -46,11 +46,14 @@ def _spelled(state: ProductState) -> ColumnElement[ProductState]:
 
 
 # Literals instead of bound values: SQLite uses a partial index only if the statement's text contains its condition. A query
-# for unfinished, waiting or ended products that names no digests needs one of these, or it reads the whole table.
+# for unfinished, waiting or ended products that names no digests needs one of these, or it reads the whole table. Besides, it
+# plans a statement again each time a state is bound, which takes longer than executing it on a few products.
 UNFINISHED: Final = Product.state.in_(
     [_spelled(state) for state in (ProductState.WAITING, ProductState.READY, ProductState.RUNNING)]
 )
 WAITING: Final = Product.state == _spelled(ProductState.WAITING)
+READY: Final = Product.state == _spelled(ProductState.READY)
+RUNNING: Final = Product.state == _spelled(ProductState.RUNNING)
 ENDED: Final = Product.state.in_([_spelled(state) for state in (ProductState.DONE, ProductState.FAILED)])
 
 

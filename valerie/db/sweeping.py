@@ -9,35 +9,32 @@ from sqlalchemy import Connection, bindparam, delete, or_, select, text, update
 
 from valerie.db.models import Product
 from valerie.db.products import READY_COLUMNS, fail, fail_dependents, lock_with_dependents, to_send
-from valerie.db.statements import UNFINISHED, among, in_order
+from valerie.db.statements import READY, RUNNING, UNFINISHED, among, in_order
 from valerie.runs.products.ready import Fault, Ready
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
 #: No product rests longer than this, seconds; see `valerie.pipeline.work.stages`.
 _LONGEST_PAUSE: Final = 60.0
 
-
-_RUNNING: Final = Product.state == ProductState.RUNNING
-_READY: Final = Product.state == ProductState.READY
 # Built once: building a statement costs more than executing it, and nearly every sweep finds nothing.
 _LATE: Final = (
     select(Product.digest)
     .where(
         UNFINISHED,
         or_(
-            _RUNNING & (Product.lease_until > bindparam("longest")),
-            _READY & (Product.not_before > bindparam("pause")),
-            _READY & (Product.sent_at > bindparam("now")),
+            RUNNING & (Product.lease_until > bindparam("longest")),
+            READY & (Product.not_before > bindparam("pause")),
+            READY & (Product.sent_at > bindparam("now")),
         ),
     )
     .limit(1)
 )
-_EXPIRED: Final = select(Product.digest).where(UNFINISHED, _RUNNING, Product.lease_until < bindparam("now"))
+_EXPIRED: Final = select(Product.digest).where(UNFINISHED, RUNNING, Product.lease_until < bindparam("now"))
 _STALE: Final = (
     select(*READY_COLUMNS)
     .where(
         UNFINISHED,
-        _READY,
+        READY,
         or_(
             Product.sent_at < bindparam("sent"),
             Product.sent_at.is_(None) & (Product.not_before <= bindparam("now")),
@@ -61,17 +58,17 @@ def bound_times(connection: Connection, *, now: float, lease_seconds: float) -> 
     bounds = {"longest": longest, "pause": now + _LONGEST_PAUSE, "now": now}
     if connection.scalar(_LATE, bounds) is None:
         return
-    held = in_order(connection.dialect.name, UNFINISHED, _RUNNING, Product.lease_until > longest)
+    held = in_order(connection.dialect.name, UNFINISHED, RUNNING, Product.lease_until > longest)
     connection.execute(update(Product).where(held).values(lease_until=longest))
-    resting = in_order(connection.dialect.name, UNFINISHED, _READY, Product.not_before > now + _LONGEST_PAUSE)
+    resting = in_order(connection.dialect.name, UNFINISHED, READY, Product.not_before > now + _LONGEST_PAUSE)
     connection.execute(update(Product).where(resting).values(not_before=now))
-    sent = in_order(connection.dialect.name, UNFINISHED, _READY, Product.sent_at > now)
+    sent = in_order(connection.dialect.name, UNFINISHED, READY, Product.sent_at > now)
     connection.execute(update(Product).where(sent).values(sent_at=now))
 
 
 def take_back_expired(connection: Connection, *, now: float, max_attempts: int) -> list[Ready]:
     """Make products ready whose lease ended; return them. After ``max_attempts`` attempts they fail instead."""
-    expired = (UNFINISHED, _RUNNING, Product.lease_until < now)
+    expired = (UNFINISHED, RUNNING, Product.lease_until < now)
     digests = connection.scalars(_EXPIRED, {"now": now}).all()
     if not digests:
         return []
@@ -100,7 +97,7 @@ def stale_ready(connection: Connection, *, now: float, resend_seconds: float, li
 def mark_sent(connection: Connection, digests: Collection[str], now: float) -> None:
     """Record when products were sent."""
     dialect = connection.dialect.name
-    ready = in_order(dialect, among(dialect, Product.digest, digests), Product.state == ProductState.READY)
+    ready = in_order(dialect, among(dialect, Product.digest, digests), READY)
     connection.execute(update(Product).where(ready).values(sent_at=now))
 
 

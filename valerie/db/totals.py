@@ -10,7 +10,7 @@ from sqlalchemy import BigInteger, ColumnElement, Connection, cast, func, litera
 
 from valerie.db.archives import stored_in_archives
 from valerie.db.models import Product
-from valerie.db.statements import ENDED, UNFINISHED, among
+from valerie.db.statements import ENDED, RUNNING, UNFINISHED, among
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
@@ -144,7 +144,7 @@ def held(connection: Connection) -> list[HeldProducts]:
     """Return what each process makes now, by the names in leases (see `valerie.pipeline.base.context.Context`)."""
     rows = connection.execute(
         select(Product.lease_owner, Product.kind, func.count())
-        .where(UNFINISHED, Product.state == ProductState.RUNNING, Product.lease_owner.is_not(None))
+        .where(UNFINISHED, RUNNING, Product.lease_owner.is_not(None))
         .group_by(Product.lease_owner, Product.kind)
     )
     return [HeldProducts(owner, kind, count) for owner, kind, count in rows if owner is not None]
