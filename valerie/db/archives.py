@@ -68,6 +68,12 @@ def _opened(stack: ExitStack, engine: Engine, run_id: str) -> Connection:
             return connection
 
 
+def read_archived_digests(engine: Engine) -> None:
+    """Have the archives read what they store, so that `stored_in_archives` reads no files while rows are locked."""
+    with reading(engine) as connection:
+        stored_in_archives(connection, ())
+
+
 def stored_in_archives(connection: Connection, digests: Collection[str], *, project: str = "") -> set[str]:
     """Return those ``digests`` whose objects archived runs need; those of a project, if it is not empty."""
     query = select(Run.id, Run.archive).where(Run.archive.is_not(None), within(Run, project))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from valerie.db import functions, retention, runs, sweeping, totals
-from valerie.db.archives import stored_in_archives
+from valerie.db.archives import read_archived_digests
 from valerie.db.engine import reading, writing
 from valerie.errors import NotFound, StorageFull
 from valerie.pipeline.base.context import Context
@@ -46,8 +46,7 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
         dry_run: remove nothing.
         now: reference time for the age of objects (default: that of the store at the call).
     """
-    with reading(context.engine) as connection:
-        stored_in_archives(connection, ())  # reads their lists before anything is locked
+    read_archived_digests(context.engine)
     removed = 0
     while True:
         with writing(context.engine) as connection:

@@ -11,7 +11,7 @@ import structlog
 from sqlalchemy import Connection
 
 from valerie.db import retention
-from valerie.db.archives import stored_in_archives
+from valerie.db.archives import read_archived_digests
 from valerie.db.engine import reading, writing
 from valerie.db.runs import RunRow
 from valerie.pipeline.base.context import Context
@@ -50,8 +50,7 @@ def remove_pictures(
     shown = set() if run.spec.retention is Retention.NUMBERS else _shown(context, run.id)
     painter = FramePainter(ProductReader(context.store), kept_bytes=_PAINTED_BYTES)
     together = variants_together(started_run(context, run.id).resolved)
-    with reading(context.engine) as connection:
-        stored_in_archives(connection, ())  # reads their lists before anything is locked
+    read_archived_digests(context.engine)
     removed = 0
     for first in range(0, run.next_index, together):
         last = first + together - 1
