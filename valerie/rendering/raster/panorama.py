@@ -2,8 +2,8 @@
 
 The engine photographs it itself: five small square images, level and straight up, from the middle of the cubic metre that the
 camera is in, so that a moving camera seldom needs a new one. Downwards, the ground is level and of one colour. The images are
-resampled to an octahedral map with the distance of each texel, in which ``captured.glsl`` follows reflected rays. Movables are not
-mirrored, so they never change a pixel this way.
+resampled to an octahedral map with the distance of each texel, in which ``captured.glsl`` follows reflected rays. Movables are
+not mirrored, so they never change a pixel this way.
 """
 
 from __future__ import annotations
