@@ -212,7 +212,9 @@ class Canvas:
         """Return the depth at the first sample of every pixel, (height, width) metres; ``far`` where nothing was drawn."""
         width, height = self.targets.surfaces.size
         window = _read(self.targets.surfaces.framebuffer, Area(0, 0, width, height), 1, "f4", -1).reshape(height, width)
-        depth: NDArray[np.float32] = np.float32(near * far) / (far - window[::SAMPLES, ::SAMPLES] * np.float32(far - near))
+        depth: NDArray[np.float32] = np.float32(near * far) / (
+            far - window[::SAMPLES, ::SAMPLES] * np.float32(far - near)
+        )
         return depth
 
     def read_smooth(self, area: Area) -> NDArray[np.uint8]:
