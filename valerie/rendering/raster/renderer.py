@@ -24,8 +24,9 @@ from valerie.rendering.raster.gl.tiles import TILE, Area, Mask, TileGrid, widene
 from valerie.rendering.raster.light.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, falling_light, tiles_of
 from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
+from valerie.rendering.raster.light.panorama import Panorama
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
-from valerie.rendering.raster.panorama import Panorama, Spot, spot_of
+from valerie.rendering.raster.spots import Spot, spot_of
 from valerie.rendering.raster.upload.context import GraphicsContext, process_context
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.upload.materials import SurfaceKind

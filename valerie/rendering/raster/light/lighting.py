@@ -32,7 +32,7 @@ from valerie.rendering.snowfall import FLAKE_VIEW, chance
 from valerie.scene.graph.model import Camera, Sun
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.panorama import Panorama
+    from valerie.rendering.raster.light.panorama import Panorama
     from valerie.rendering.raster.upload.context import GraphicsContext
     from valerie.rendering.raster.upload.scenes import Statics
 

@@ -1,4 +1,4 @@
-// Reflections of the panorama around the camera (panorama.py) by smooth surfaces anywhere.
+// Reflections of the panorama around the camera (spots.py) by smooth surfaces anywhere.
 uniform sampler2DArray panorama;    // octahedral, sharp and blurred: radiance, distance in metres
 uniform vec3 panorama_spot;         // where it was taken
 uniform float panorama_known;       // 0 while it is being taken

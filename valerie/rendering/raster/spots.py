@@ -1,4 +1,4 @@
-"""What smooth surfaces mirror: a small picture of the statics and the sky all around the camera.
+"""Takes the panorama that smooth surfaces mirror: a small picture of the statics and the sky all around the camera.
 
 The engine photographs it itself: five small square images, level and straight up, from the middle of the cubic metre that the
 camera is in, so that a moving camera seldom needs a new one. Downwards, the ground is level and of one colour. The images are
@@ -22,6 +22,7 @@ from valerie.rendering.projection import Points, drawing_matrices
 from valerie.rendering.raster.canvas import Canvas
 from valerie.rendering.raster.gl.tiles import Area
 from valerie.rendering.raster.light.lighting import LitFrame, Viewpoint
+from valerie.rendering.raster.light.panorama import SIDE, Panorama
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 from valerie.rendering.raster.upload.scenes import Statics
 from valerie.scene.graph.model import Camera
@@ -30,43 +31,11 @@ from valerie.scene.graph.model import Camera
 _VIEW: Final = View("panorama", 64, 64)
 #: Distance beyond which the panorama shows the sky, metres.
 REACH: Final = 80.0
-#: Texels per side of the map without its border, which continues it by one texel on each side.
-_SIDE: Final = 160
-#: Standard deviation of the blur of the second layer, texels: about 4°.
-_BLUR: Final = 3.0
 #: Brightest value: the sun's own mirror image is a highlight (``lighting.frag``).
 _BRIGHTEST: Final = 6.0
 #: Least height of a spot above the ground, metres.
 _LEAST_HEIGHT: Final = 0.5
 _AHEAD: Final = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
-
-
-class Panorama:
-    """The surroundings of a spot under one light.
-
-    Attributes:
-        spot: (3,) metres, world.
-        texture: two layers of an octahedral map, sharp and blurred: radiance and distance in metres.
-        known: False as long as the map is empty.
-    """
-
-    def __init__(self, gl: moderngl.Context, spot: Points) -> None:
-        self.spot = spot
-        self.known = False
-        side = _SIDE + 2
-        self.texture = gl.texture_array((side, side, 2), 4, dtype="f2")
-        self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self.texture.repeat_x = self.texture.repeat_y = False
-
-    def fill(self, sharp: NDArray[np.float32]) -> None:
-        """Set the map, (side, side, 4): radiance and distance."""
-        blurred = cv2.GaussianBlur(sharp, (0, 0), _BLUR, borderType=cv2.BORDER_REPLICATE)
-        self.texture.write(np.stack([sharp, blurred]).astype(np.float16).tobytes())
-        self.known = True
-
-    def release(self) -> None:
-        """Free the texture."""
-        self.texture.release()
 
 
 class Spot:
@@ -158,7 +127,7 @@ class _Rays(NamedTuple):
 @cache
 def _rays() -> _Rays:
     # As in ``octahedron.glsl``. Beyond an edge, the map continues turned by half a turn about the edge's middle.
-    along = (np.arange(-1, _SIDE + 1) + 0.5) / _SIDE
+    along = (np.arange(-1, SIDE + 1) + 0.5) / SIDE
     x, y = np.meshgrid(along, along)
     for a, b in ((x, y), (y, x)):
         out = (a < 0) | (a > 1)
