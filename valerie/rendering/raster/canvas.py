@@ -208,6 +208,15 @@ class Canvas:
         data = _read(self.targets.pixels.framebuffer, area, 3, "f2")
         return data.view(np.float16).reshape(area.height, area.width, 3)
 
+    def read_depth(self, near: float, far: float) -> NDArray[np.float32]:
+        """Return the depth at the first sample of every pixel, (height, width) metres; ``far`` where nothing was drawn."""
+        width, height = self.targets.surfaces.size
+        window = _read(self.targets.surfaces.framebuffer, Area(0, 0, width, height), 1, "f4", -1).reshape(height, width)
+        depth: NDArray[np.float32] = np.float32(near * far) / (
+            far - window[::SAMPLES, ::SAMPLES] * np.float32(far - near)
+        )
+        return depth
+
     def read_smooth(self, area: Area) -> NDArray[np.uint8]:
         """Return the ambient occlusion of an area after the blur, (height, width)."""
         return _read(self.targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(area.height, area.width)

@@ -24,13 +24,15 @@ from valerie.rendering.raster.gl.tiles import TILE, Area, Mask, TileGrid, widene
 from valerie.rendering.raster.light.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, falling_light, tiles_of
 from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
+from valerie.rendering.raster.light.panorama import Panorama
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
+from valerie.rendering.raster.spots import Spot, spot_of
 from valerie.rendering.raster.upload.context import GraphicsContext, process_context
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.upload.materials import SurfaceKind
 from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_key, camera_of
-from valerie.rendering.sky import EXPOSURE, Sky, sky_of
+from valerie.rendering.sky import EXPOSURE, sky_of
 from valerie.scene.graph.model import Camera, Scene
 
 #: Reach of the engine's effects. The filters add up: the cell of sky light that a sample takes is at most 4 pixels away (the
@@ -55,7 +57,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 13
+    revision: ClassVar[int] = 14
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -80,6 +82,8 @@ class RasterRenderer:
         self._lamp_shadows = LampShadows(self._context)
         self._lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
         self._moving_lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
+        self._spots: LeastRecentlyUsed[Spot] = LeastRecentlyUsed(_CAMERAS)
+        self._panoramas: LeastRecentlyUsed[Panorama] = LeastRecentlyUsed(_SUNS)
         self._canvases: LeastRecentlyUsed[Canvas] = LeastRecentlyUsed(2)
 
     @property
@@ -159,9 +163,9 @@ class RasterRenderer:
             box = covered_rectangle([mesh.corners for mesh in meshes], frame.camera, view)
             self._draw(frame, area_of(box, view))
             areas = [area_of(rectangle, view) for rectangle in rectangles]
-            with self._lit(frame, movables=True) as lit:
+            with self._lit(frame, movables=True, mirrors=False) as lit:
                 received = frame.canvas.receive(lit, self._lighting, areas)
-            sunny = bool(frame.sky.sun.max() > 0)
+            sunny = bool(frame.day.sky.sun.max() > 0)
         return [
             Received(rectangle, np.ascontiguousarray(samples[::-1]), EXPOSURE, sunny)
             for rectangle, samples in zip(rectangles, received, strict=True)
@@ -183,7 +187,7 @@ class RasterRenderer:
     def _forget(self) -> None:
         for cache in (
             self._static_surfaces, self._light_views, self._static_shadows, self._static_images, self._sky_maps, self._sky_lights,
-            self._lamp_maps, self._moving_lamp_maps,
+            self._lamp_maps, self._moving_lamp_maps, self._spots, self._panoramas,
         ):  # fmt: skip
             cache.clear()
         for canvas in self._canvases:
@@ -227,9 +231,9 @@ class RasterRenderer:
                 sky_light = self._sky_lights.get((statics.key, *day), lambda: SkyLight(gl, statics, sky_maps, sky))
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
                 canvas.take(sight, lit, area_of(extent, view))
-                yield _Frame(
-                    prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_light, sky, frame_lamps,
-                )  # fmt: skip
+                daylight = Daylight(scene.sun, sky, sky_maps, sky_light, shadow)
+                light_key = (*day, light.key, frame_lamps.still, frame_lamps.shadowed)
+                yield _Frame(prepared, view, camera, canvas, table, surfaces, image, daylight, frame_lamps, light_key)
             except BaseException:
                 canvas.forget()
                 raise
@@ -237,23 +241,41 @@ class RasterRenderer:
                 table.release()
 
     @contextmanager
-    def _lit(self, frame: _Frame, *, movables: bool) -> Iterator[LitFrame]:
+    def _lit(self, frame: _Frame, *, movables: bool, mirrors: bool = True) -> Iterator[LitFrame]:
         shadow = None
         if movables and frame.prepared.placed:
-            shadow = self._shadows.movable(frame.prepared, frame.shadow.light, frame.table)
-        lamps = self._lamplight(frame, movables=movables)
+            shadow = self._shadows.movable(frame.prepared, frame.day.shadow.light, frame.table)
         lit = self._lighting.bind(
             frame.canvas.targets,
-            Surfaces(frame.surfaces.target, frame.table),
+            Surfaces(frame.surfaces.target, frame.table, self._panorama(frame) if mirrors else None),
             Viewpoint(frame.camera, frame.view),
-            Daylight(frame.prepared.scene.sun, frame.sky, frame.sky_maps, frame.sky_light, frame.shadow),
+            frame.day,
             shadow,
-            lamps,
+            self._lamplight(frame, movables=movables),
         )
         try:
             yield lit
         finally:
             lit.release()
+
+    def _panorama(self, frame: _Frame) -> Panorama:
+        """Return what smooth surfaces of the frame mirror: the statics by the frame's light, without lamps on movables."""
+        statics, place = frame.prepared.statics, spot_of(frame.camera.position)
+        here = (statics.key, place.tobytes())
+
+        def photograph() -> Panorama:
+            spot = self._spots.get(here, lambda: Spot(self._context.gl, self._surfaces, statics, frame.table, place))
+            panorama, lamps = Panorama(self._context.gl, place), self._lamplight(frame, movables=False)
+            ground = frame.day.light.ground if lamps is None else frame.day.light.ground + lamps.bounce
+
+            def bind(canvas: Canvas, viewpoint: Viewpoint) -> LitFrame:
+                surfaces = Surfaces(canvas.targets.surfaces, frame.table, panorama)
+                return self._lighting.bind(canvas.targets, surfaces, viewpoint, frame.day, None, lamps)
+
+            spot.photograph(panorama, bind, ground)
+            return panorama
+
+        return self._panoramas.get((here, frame.light_key), photograph)
 
     def _lamplight(self, frame: _Frame, *, movables: bool) -> LampLight | None:
         """Return the light of the lamps, without those on movables if ``movables`` is False; None if no lamp is on."""
@@ -271,7 +293,7 @@ class RasterRenderer:
         casters = self._lamp_shadows.movable(prepared, lamps, frame.table) if movables and prepared.placed else None
         geometry = prepared.statics.geometry
         falling = falling_light(lamps.still, geometry.core_low, geometry.core_high)
-        bounce = bounced(falling, frame.sky.snow_depth)
+        bounce = bounced(falling, frame.day.sky.snow_depth)
         return LampLight(lit, tiles_of(lamps, movable=movables), static, moving, casters, falling, bounce)
 
     def _learn(self, frame: _Frame, tiles: Mask) -> None:
@@ -304,7 +326,7 @@ class RasterRenderer:
             canvas.smoothed &= ~smoothed
             canvas.occlude(lit, smoothed)
             dirty: Mask = self._reached(canvas, surface, body, smoothed, surfaces)
-            if lit.movable_shadow is not None and float(frame.sky.sun_direction[2]) > 0:
+            if lit.movable_shadow is not None and float(frame.day.sky.sun_direction[2]) > 0:
                 dirty |= shadowed_tiles(region & ~dirty, bodies, surfaces, camera, view, lit.movable_shadow)
             dirty |= lamp_shadowed_tiles(grid, bodies, camera, view, self._lowest(frame), frame.lamps)
             dirty &= region
@@ -420,7 +442,7 @@ class RasterRenderer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Frame:
-    """The scene, view and caches of one frame."""
+    """The scene, view and caches of one frame. ``light_key`` is the key of the light on the statics."""
 
     prepared: Prepared
     view: View
@@ -429,11 +451,9 @@ class _Frame:
     table: moderngl.Texture
     surfaces: StaticSurfaces
     image: StaticImage
-    shadow: ShadowMap
-    sky_maps: SkyMaps
-    sky_light: SkyLight
-    sky: Sky
+    day: Daylight
     lamps: FrameLamps
+    light_key: Hashable
 
 
 def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:

@@ -232,17 +232,50 @@ def test_a_mirror_shows_the_sky_or_the_surfaces_that_hide_it_or_the_ground(raste
     up = np.array([[0.0, -math.cos(math.radians(30)), math.sin(math.radians(30))]])
     mirrored, *_ = looking_into_a_mirror(raster, 30.0, wall=False)
     # The engine's reflectance of a smooth mirror (Karis 2014) at 15° from its normal. The sky of the table's nearest entry, 2.7°
-    # high, differs from its mean by cos(30°) / (1 + sin(30°) + 1/2) of the 1.35° between.
-    karis, entry = 0.978, math.radians(1.35) * 0.87
+    # high, and the panorama's nearest texel, 1.1° wide, differ from its mean by cos(30°) / (1 + sin(30°) + 1/2) of the 1.35° and
+    # of the 0.55° between.
+    karis, entry = 0.978, math.radians(1.35 + 0.55) * 0.87
     assert mirrored == pytest.approx(karis * sky.radiance(up)[0], rel=entry)
     mirrored, _, (darkest, brightest) = looking_into_a_mirror(raster, 30.0, wall=True)
-    # The mirror shows the mean of all surfaces that face it, ground and wall, which lies between their extremes: to a ninth of
-    # a stop, a requirement of ours.
+    # The mirror shows the wall, whose colour lies between the extremes of all that is behind: to a ninth of a stop, a
+    # requirement of ours.
     ninth = 2.0 ** (1 / 9)
     assert (mirrored > karis * darkest / ninth).all()
     assert (mirrored < karis * brightest * ninth).all()
     mirrored, ground, _ = looking_into_a_mirror(raster, -40.0, wall=False)
     assert mirrored == pytest.approx(karis * ground, rel=0.01)
+
+
+@pytest.mark.parametrize("movable", [False, True])
+def test_a_mirror_away_from_the_camera_shows_things_where_reflected_rays_meet_them(
+    raster: RasterRenderer, movable: bool
+) -> None:
+    # The mirror stands 6 m ahead, the wall with two colours 4 m behind; seen from the camera, its edge is elsewhere.
+    corner, edge, wall = np.array([0.0, 6.0, 3.0]), 1.0, -4.0
+    turned = Pose(tuple(corner), (0, 0, 12)).matrix()
+    nodes = [
+        Node("scene.car-1", turned, (box_mesh((-2, 0, -1), (2, 0.01, 1), "mirror"),), label_id=26, movable=movable),
+        Node("scene.wall-1", np.eye(4), (box_mesh((-60, wall - 1, 0), (edge, wall, 40), "left"),), label_id=12),
+        Node("scene.wall-2", np.eye(4), (box_mesh((edge, wall - 1, 0), (60, wall, 40), "right"),), label_id=12),
+    ]
+    colours = {"left": (0.6, 0.02, 0.02), "right": (0.02, 0.02, 0.6)}
+    materials = {name: Material(name, colour, roughness=1.0, specular=0.0) for name, colour in colours.items()}
+    camera = Camera("scene.camera-1", camera_transform((0.2, 0.1, 3.3), 0, 0, 0), focal_length_mm=60.0)
+    scene = Scene(
+        {node.path: node for node in nodes}, {"mirror": MIRROR, **materials}, {}, {"camera-1": camera},
+        Sun(0.0, math.radians(50)), environment=Environment(cloud_cover=1.0),
+    )  # fmt: skip
+    view = View("camera-1", 96, 54)
+    pixels = raster.full(scene, view).pixels.astype(np.float64)
+    rays, across = pixel_rays(camera, view), turned[:3, 1]
+    met = camera.position + rays * ((corner - camera.position) @ across / (rays @ across))[..., None]
+    reflected = rays - 2 * (rays @ across)[..., None] * across
+    x = met[..., 0] + reflected[..., 0] * (wall - met[..., 1]) / reflected[..., 1]
+    within = (np.abs((met - corner) @ turned[:3, :3])[..., [0, 2]] < (1.9, 0.9)).all(axis=2)
+    # Seen from the camera's metre, a texel of 1.6° covers 0.15 m of the wall. Distances interpolated over it add as much.
+    sure = within & (np.abs(x - edge) > 0.3)
+    assert min((sure & (x < edge)).sum(), (sure & (x > edge)).sum()) >= 300
+    assert ((pixels[..., 0] > pixels[..., 2]) == (x < edge))[sure].all()
 
 
 @pytest.mark.parametrize("movable", [False, True])

@@ -32,6 +32,7 @@ from valerie.rendering.snowfall import FLAKE_VIEW, chance
 from valerie.scene.graph.model import Camera, Sun
 
 if TYPE_CHECKING:
+    from valerie.rendering.raster.light.panorama import Panorama
     from valerie.rendering.raster.upload.context import GraphicsContext
     from valerie.rendering.raster.upload.scenes import Statics
 
@@ -84,10 +85,12 @@ class Surfaces:
     Attributes:
         statics: G-buffer of the scene without its movables.
         materials: material table of the scene.
+        panorama: what smooth surfaces mirror; None if no image is made.
     """
 
     statics: RenderTarget
     materials: moderngl.Texture
+    panorama: Panorama | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +202,10 @@ class Lighting:
             **_shading_values(viewpoint, day, movable_shadow),
             "screen_basis": np.linalg.inv(viewpoint.ray_basis),
         }
+        if surfaces.panorama is not None:
+            textures["panorama"] = surfaces.panorama.texture
+            values["panorama_spot"] = surfaces.panorama.spot
+            values["panorama_known"] = float(surfaces.panorama.known)
         owned: tuple[moderngl.Texture, ...] = ()
         bounce: NDArray[np.float64] | None = None
         if lamps is not None:
@@ -268,7 +275,7 @@ class _Step:
 
     screen_pass: ScreenPass
     target: RenderTarget
-    textures: Mapping[str, moderngl.Texture]
+    textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]
     values: Uniforms
     samples: int = 1
     depth: Literal["ignored", "written", "tested"] = "ignored"
@@ -359,13 +366,14 @@ def _skylight_values(light: SkyLight, bounce: NDArray[np.float64] | None) -> Uni
 
 def _shading_textures(
     targets: ImageTargets, surfaces: Surfaces, day: Daylight, movable_shadow: ShadowMap | None
-) -> dict[str, moderngl.Texture]:
+) -> dict[str, moderngl.Texture | moderngl.TextureArray]:
     statics = surfaces.statics
     assert statics.depth is not None
     assert day.shadow.casters is not None
     first, second = targets.openness.colors
     red, green, blue, zonal = targets.skylight.colors
-    return _sample_textures(targets) | {
+    return {
+        **_sample_textures(targets),
         "material_table": surfaces.materials,
         "sky_table": day.light.table,
         "skylight_red": red,

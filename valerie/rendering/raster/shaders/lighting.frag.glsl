@@ -5,6 +5,7 @@
 #include "roughness.glsl"
 #include "sample.glsl"
 #include "shadow.glsl"
+#include "captured.glsl"
 // G-buffer of the samples, or of plain pixels (plain.frag).
 uniform sampler2D albedo_map;
 uniform sampler2D normals_map;
@@ -409,7 +410,13 @@ void main() {
     vec3 above = sky(sample_is_sky ? d : vec3(r.xy, abs(r.z)));
     float rough = smoothstep(0.08, 0.55, roughness);
     vec3 around = surroundings(r, pixel, above, rough < 1.0);
-    vec3 environment = mix(around, blurred, rough);
+    // Smooth surfaces mirror shapes, others only the mean light from each direction.
+    float sharp = panorama_known * (1.0 - smoothstep(0.25, 0.4, roughness));
+#ifdef RAIN
+    sharp *= 1.0 - film;
+#endif
+    vec3 image_of = captured(p, r, smoothstep(0.06, 0.26, roughness), sharp > 0.0);
+    vec3 environment = mix(mix(around, blurred, rough), image_of, sharp);
 #ifdef RAIN
     // At grazing angles the lobe of a film is elongated, so it covers more of the sky at a lower roughness than above.
     vec3 wide = mix(above, blurred, smoothstep(0.06, 0.45, roughness));
@@ -424,7 +431,7 @@ void main() {
     color += glow.rgb;
     vec3 clear_air = exp(-extinction * length(p - eye));
     color = mix(haze, color, clear_air);
-    color = sample_is_sky ? above + sun_disc(d) : color;
+    color = sample_is_sky ? above + sun_disc(d) * panorama_known : color;
 #ifdef RAIN
     color = through_rain(color);
 #endif
