@@ -12,6 +12,7 @@ from valerie.analysis.rows.frame_counts import ALL, Group, characters, rows_of
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.trends.trends import Trends
 from valerie.measures import Measure, measure_of
+from valerie.statistics.curves import Shape
 
 #: Largest number of drawn points; beyond it a random sample is drawn. Curves and bins always use all points.
 MAX_POINTS: Final = 2500
@@ -73,6 +74,7 @@ class Panel:
         lines: per character, then of all characters together: the curve, then the polynomial if no bin contradicts it.
         marks: means of the bins, over all characters.
         contradicted: characters whose polynomial is not drawn, because bins contradict it.
+        level: characters whose curve is a constant, since a rise or a fall does not predict better by more than chance.
         drawn, total: number of drawn points, and of all.
     """
 
@@ -83,6 +85,7 @@ class Panel:
     lines: tuple[Line, ...]
     marks: tuple[Mark, ...]
     contradicted: tuple[str, ...]
+    level: tuple[str, ...]
     drawn: int
     total: int
 
@@ -125,11 +128,13 @@ def make_panel(table: EvaluationTable, trends: Trends, column: str, function: st
         points.append(Points(name, style[name], tuple(xs.tolist()), tuple(ys.tolist()), ids))
     lines: list[Line] = []
     marks: list[Mark] = []
-    contradicted = []
+    contradicted, level = [], []
     for trend in trends.of(column, function, sensor):
         own = trend.character, style[trend.character]
         if trend.curve is not None:
             curve = trend.curve
+            if curve.shape is Shape.LEVEL:
+                level.append(trend.character)
             y, low, high = map(_per_cent, (curve.y, curve.low, curve.high))
             lines.append(Line(*own, _shown(curve.x, axis.scale), y, low, high))
         if trend.polynomial is not None:
@@ -144,7 +149,16 @@ def make_panel(table: EvaluationTable, trends: Trends, column: str, function: st
                 Mark(b.x * axis.scale, b.mean * 100, f"{axis.range_text(b.low, b.high)}: n = {b.n}") for b in trend.bins
             ]
     return Panel(
-        axis, function, sensor, tuple(points), tuple(lines), tuple(marks), tuple(contradicted), len(chosen), total
+        axis,
+        function,
+        sensor,
+        tuple(points),
+        tuple(lines),
+        tuple(marks),
+        tuple(contradicted),
+        tuple(level),
+        len(chosen),
+        total,
     )
 
 

@@ -33,7 +33,7 @@ from valerie.analysis.report.examples import Example, choose_examples
 from valerie.analysis.report.in_short import in_short
 from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.pages import page_environment
-from valerie.analysis.report.panels import make_panel, styles
+from valerie.analysis.report.panels import Panel, make_panel, styles
 from valerie.analysis.report.plots import plotly_figure, static_figure
 from valerie.analysis.report.register import register
 from valerie.analysis.report.seeing import seeing
@@ -53,14 +53,12 @@ from valerie.statistics.intervals import Interval
 
 
 class _Plot(NamedTuple):
-    """One panel of a trend section; ``number`` is its index among the page's figures, the rest as in `Panel`."""
+    """One panel of a trend section; ``number`` is its index among the page's figures."""
 
     title: str
     number: int
     picture: str
-    drawn: int
-    total: int
-    contradicted: tuple[str, ...]
+    panel: Panel
     trends: tuple[Trend, ...]
 
 
@@ -201,7 +199,7 @@ def _plots(source: ReportInput, axis: Measure, figures: list[JsonObject]) -> Ite
             figures.append(plotly_figure(panel))
             trends = source.trends.of(axis.name, function, sensor)
             picture = data_url(static_figure(panel))
-            yield _Plot(title, len(figures) - 1, picture, panel.drawn, panel.total, panel.contradicted, trends)
+            yield _Plot(title, len(figures) - 1, picture, panel, trends)
 
 
 def _by_occlusion(source: ReportInput) -> Iterator[tuple[str, list[tuple[str, Means]]]]:

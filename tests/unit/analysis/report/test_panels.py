@@ -77,3 +77,13 @@ def test_binned_means_are_drawn(dropping_table, trends_of):
 
     assert [(mark.x, mark.y) for mark in panel.marks] == [(b.x, 100 * b.mean) for b in bins]
     assert f"n = {bins[0].n}" in panel.marks[0].label
+
+
+def test_a_character_without_a_trend_is_named(synthetic_table, trends_of):
+    def law(_function, character, distance, _occlusion, noise):
+        return 0.5 + 0.02 * noise - (0.02 * (distance - 20) if character == "black-outfit" else 0)
+
+    table = synthetic_table(law, xs=[0.0, 4.0, 8.0], ys=np.arange(5, 35.0, 3).tolist(), functions=("net",))
+    panel = make_panel(table, trends_of(table), "distance_m", "net", "default", seed=0)
+
+    assert panel.level == ("yellow-shirt",)
