@@ -481,7 +481,7 @@ def delete(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
 def mark(
     target: Annotated[str, typer.Argument(metavar="RUN|FRAME", help="Id of a run or of a frame.")],
     finding: Annotated[
-        int | None, typer.Option("--finding", metavar="N", help="A finding of the run, by its number.")
+        int | None, typer.Option("--finding", metavar="N", help="A finding or candidate, by its number in the report.")
     ] = None,
     tags: Annotated[list[str] | None, typer.Option("--tag", help="Add a tag; may be repeated.")] = None,
     untag: Annotated[list[str] | None, typer.Option("--untag", help="Remove a tag; may be repeated.")] = None,
@@ -494,14 +494,17 @@ def mark(
 
     They are for people: no spec, digest or result contains them. They are deleted with the run.
     """
+    from valerie.analysis.findings.findings import Findings
     from valerie.client import Mark
+    from valerie.plain import typed
 
     run_id, _, name = target.partition(".")
     with _client(url, data_dir) as client:
         marks = client.marks(run_id)
         kind = "frame" if name else "run"
         if finding is not None:
-            kind, name = "finding", _sentence(client, run_id, finding)
+            findings = typed(Findings, client.summary(run_id).findings)
+            kind, name = "finding", findings.numbered(finding).sentence
         if tags or untag or note is not None:
             present = next((mark for mark in marks if (mark.kind, mark.name) == (kind, name)), None)
             kept = set(present.tags if present else ()) - set(untag or ()) | set(tags or ())
@@ -513,19 +516,6 @@ def mark(
         else:
             subject = run_id if mark.kind == "run" else f"{run_id}.{mark.name}" if mark.kind == "frame" else mark.name
             typer.echo(": ".join(part for part in (subject, ", ".join(mark.tags), mark.note) if part))
-
-
-def _sentence(client: Client, run_id: str, number: int) -> str:
-    """Return the sentence of a finding by its number, from 1."""
-    items = client.summary(run_id).findings["items"]
-    assert isinstance(items, list), "the server lists its findings"
-    if not items:
-        raise InvalidInput("the run has no confirmed finding", field="--finding")
-    if not 1 <= number <= len(items):
-        raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1…{len(items)}")
-    item = items[number - 1]
-    assert isinstance(item, dict), "a finding is an object"
-    return str(item["sentence"])
 
 
 def _client(url: str | None, data_dir: Path | None) -> Client:

@@ -398,7 +398,8 @@ def refine(
         typer.Option("--where", metavar="EXPRESSION", help="Refine around the rows that satisfy this expression."),
     ] = None,
     finding: Annotated[
-        int | None, typer.Option("--finding", min=1, metavar="N", help="A finding, numbered as in the report.")
+        int | None,
+        typer.Option("--finding", min=1, metavar="N", help="A finding or candidate, by its number in the report."),
     ] = None,
     requirement: Annotated[
         str | None, typer.Option("--requirement", metavar="ID", help="A requirement: the rows that miss it.")

@@ -41,7 +41,7 @@ export function summarySection({ verdicts, judged: sentences, summary, findings,
     table(head, rows, { caption: "Summary per function and pedestrian" }),
     h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. ", certainty.join(" "),
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
-    list("Findings", findings.items, marked), list("Candidates, not confirmed", findings.candidates.slice(0, CANDIDATES), marked),
+    list("Findings", findings.items, 1, marked), list("Candidates, not confirmed", findings.candidates.slice(0, CANDIDATES), findings.items.length + 1, marked),
     findings.candidates.length > CANDIDATES ? h("p", { class: "small soft under" }, `The report has ${plural(findings.candidates.length - CANDIDATES, "more candidate")}.`) : null,
     h("p", { class: "small soft under" }, searched),
     findings.notes.map((sentence) => h("p", { class: "small soft under" }, sentence)));
@@ -63,5 +63,5 @@ function verdictList(verdicts, sentences) {
     h("div", { class: "small soft" }, sentences[k])))));
 }
 
-const list = (title, findings, marked) => (findings.length
-  ? h("div", { class: "findings" }, h("h3", {}, title), h("ul", {}, findings.map((one) => h("li", {}, one.sentence, marked(one.sentence))))) : null);
+const list = (title, findings, start, marked) => (findings.length
+  ? h("div", { class: "findings" }, h("h3", {}, title), h("ol", { start }, findings.map((one) => h("li", {}, one.sentence, marked(one.sentence))))) : null);

@@ -44,7 +44,7 @@ def test_a_finding_of_a_run_without_any_is_refused_with_the_reason(server: tuple
     url, run = server
     for command in (["mark", run, "--tag", "x", "--url", url], ["refine", run, "--data-dir", str(tmp_path)]):
         result = CliRunner().invoke(app, [*command, "--finding", "1"])
-        assert str(result.exception).startswith("--finding: the run has no confirmed finding")
+        assert str(result.exception).startswith("--finding: the run has neither findings nor candidates")
 
 
 def test_runs_are_listed_by_tag_with_and_without_a_server(server: tuple[str, str], tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from valerie.errors import InvalidInput
 from valerie.statistics.contrasts import Matching
 from valerie.statistics.units import Estimand
 
@@ -127,3 +128,16 @@ class Findings:
     places_searched: int
     places_confirming: int
     notes: tuple[str, ...] = ()
+
+    def numbered(self, number: int) -> Finding:
+        """Return a finding by its number: from 1, candidates after the confirmed ones.
+
+        Raises:
+            InvalidInput: none has this number.
+        """
+        findings = (*self.items, *self.candidates)
+        if not findings:
+            raise InvalidInput("the run has neither findings nor candidates", field="--finding")
+        if not 1 <= number <= len(findings):
+            raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1 … {len(findings)}")
+        return findings[number - 1]

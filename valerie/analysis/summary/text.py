@@ -73,7 +73,8 @@ def _findings(findings: Findings, most: int | None) -> list[RenderableType]:
     if findings.candidates:
         parts.append(Text("\nCandidates, not confirmed", style="bold"))
         parts += [
-            Text(f"- {candidate.sentence} {candidate_text(candidate)}") for candidate in findings.candidates[:most]
+            Text(f"{i}. {candidate.sentence} {candidate_text(candidate)}")
+            for i, candidate in enumerate(findings.candidates[:most], len(findings.items) + 1)
         ]
     return parts + [Text(note, style="dim") for note in findings.notes]
 

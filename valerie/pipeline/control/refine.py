@@ -81,14 +81,8 @@ def refine_run(
 
 def _of_finding(context: Context, run_id: str, number: int) -> tuple[str, str]:
     document = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
-    findings = typed(Findings, document["findings"]).items
-    if not findings:
-        raise InvalidInput(
-            "the run has no confirmed finding; its report has a spec for each candidate", field="--finding"
-        )
-    if number > len(findings):
-        raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1 … {len(findings)}")
-    return findings[number - 1].spec, findings[number - 1].sentence
+    finding = typed(Findings, document["findings"]).numbered(number)
+    return finding.spec, finding.sentence
 
 
 def _selected(run: StoredRun, selection: RefinedPart, rows: Sequence[TableRow]) -> Sequence[TableRow]:

@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.summary import summarize
 from valerie.analysis.summary.text import summary_text
+from valerie.errors import InvalidInput
 from valerie.plain import typed
 from valerie.runs.resolving.spec import parse
 from valerie.statistics.contrasts import Matching
@@ -106,6 +107,22 @@ def test_with_too_few_places_to_split_everything_is_a_candidate(run):
     assert "too few to confirm anything: 10 places are needed" in text
     assert "Candidates, not confirmed" in text
     assert "fresh places are needed" in text
+
+
+def test_candidates_are_numbered_after_findings(run):
+    found = find_findings(run(drop=0.3, functions=("net",)))
+    unsure = find_findings(run(drop=0.3, places={"xs": [0.0, 3.0], "ys": [5.0, 9.0, 20.0]}, functions=("net",)))
+    findings = replace(found, candidates=unsure.candidates)
+    last = len(findings.items) + len(findings.candidates)
+
+    assert found.items
+    assert unsure.candidates
+    assert [findings.numbered(k) for k in range(1, last + 1)] == [*findings.items, *findings.candidates]
+    assert f"\n{len(findings.items) + 1}. {findings.candidates[0].sentence[:40]}" in summary_text(
+        summarize(run(drop=0.3, functions=("net",))), findings
+    )
+    with pytest.raises(InvalidInput, match=f"--finding: no such finding.*1 … {last}"):
+        findings.numbered(last + 1)
 
 
 def test_a_difference_between_places_names_what_else_differs(run):
