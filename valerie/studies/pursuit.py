@@ -51,7 +51,8 @@ from valerie.studies.wording import in_quantity, result_sentences
 
 #: A batch depends on the outcomes of the batches up to this many before it.
 LAG: Final = 2
-_FIRST: Final = (20, 256)
+#: Range of the default number of first points of `estimate`. A model needs 20 defined scores; some may be undefined.
+_FIRST: Final = (24, 256)
 #: Modes, and rises and falls of a comparison, that are shown as pictures.
 _SHOWN: Final = 6
 

@@ -40,11 +40,22 @@ def test_tags_are_added_and_taken_away_and_the_note_stays(server: tuple[str, str
     assert call(url, "mark", run) == shown
 
 
-def test_a_finding_of_a_run_without_any_is_refused_with_the_reason(server: tuple[str, str], tmp_path: Path) -> None:
+def test_candidates_are_reached_by_their_numbers_and_others_are_refused(
+    server: tuple[str, str], tmp_path: Path
+) -> None:
     url, run = server
-    for command in (["mark", run, "--tag", "x", "--url", url], ["refine", run, "--data-dir", str(tmp_path)]):
-        result = CliRunner().invoke(app, [*command, "--finding", "1"])
-        assert str(result.exception).startswith("--finding: the run has neither findings nor candidates")
+    shown = CliRunner().invoke(app, ["findings", run, "--json", "--data-dir", str(tmp_path)])
+    findings = json.loads(shown.stdout)["findings"]
+    sentences = [finding["sentence"] for finding in findings["items"] + findings["candidates"]]
+    assert findings["candidates"]
+    mark = ["mark", run, "--tag", "x", "--url", url]
+    refine = ["refine", run, "--data-dir", str(tmp_path)]
+    for command in (mark, refine):
+        result = CliRunner().invoke(app, [*command, "--finding", str(len(sentences))])
+        assert result.exit_code == 0
+        assert sentences[-1] in result.output
+        result = CliRunner().invoke(app, [*command, "--finding", str(len(sentences) + 1)])
+        assert str(result.exception).startswith("--finding: no such finding")
 
 
 def test_runs_are_listed_by_tag_with_and_without_a_server(server: tuple[str, str], tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ class EstimateGoal(GoalDocument):
     """Estimate the failure rate, by `valerie.guided.estimate`.
 
     Attributes:
-        first: number of operational points at the beginning; by default a quarter of the budget, 20 to 256.
+        first: number of operational points at the beginning; by default a quarter of the budget, 24 to 256.
     """
 
     question = "How often does a variant fail?"
