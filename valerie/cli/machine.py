@@ -145,9 +145,13 @@ def doctor(as_json: AsJson = False, data_dir: DataDir = None) -> None:
     """Diagnose a deployment and say how to fix it. Exits with 5 if anything is wrong."""
     with context_of(data_dir) as context:
         from valerie.broker import Broker
+        from valerie.embedded import running
         from valerie.pipeline.control.diagnosis import diagnose
 
-        checks = diagnose(replace(context, broker=Broker(_joined(context.settings))))
+        settings = context.settings
+        local = context.engine.dialect.name == "sqlite" and "broker_url" not in settings.model_fields_set
+        serverless = local and running.find(settings.data_dir) is None
+        checks = diagnose(replace(context, broker=Broker(_joined(settings))), serverless=serverless)
     if as_json:
         typer.echo(json.dumps([asdict(check) for check in checks], ensure_ascii=False))
     else:

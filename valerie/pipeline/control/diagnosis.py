@@ -9,7 +9,7 @@ from typing import Final
 from sqlalchemy import select
 
 from valerie.analysis.wording import counted
-from valerie.db import runs, totals
+from valerie.db import runs, studies, totals
 from valerie.db.engine import compared_clocks, database_time, reading
 from valerie.db.migrate import require_current
 from valerie.db.models import Lease
@@ -25,6 +25,7 @@ _SYNCHRONISE: Final = (
     "synchronise the clocks (NTP); runs go on and results are right, but times in its log and traces are wrong, "
     "and S3 refuses requests of a clock that is 15 minutes off"
 )
+_UNENDED: Final = tuple(state for state in RunState if not state.is_final)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +45,20 @@ class Check:
     remedy: str = ""
 
 
-def diagnose(context: Context) -> list[Check]:
-    """Look at every part, in the order in which they depend on each other; a part that does not answer is a problem."""
+def diagnose(context: Context, *, serverless: bool = False) -> list[Check]:
+    """Look at every part, in the order in which they depend on each other; a part that does not answer is a problem.
+
+    Args:
+        context: context of the deployment.
+        serverless: whether it is a folder without a server. It has neither broker nor control loop, and needs them only
+            where something waits for them.
+    """
+    served: dict[str, Callable[[Context], Iterator[Check]]] = {"broker": _broker, "control loop": _control}
     parts: dict[str, Callable[[Context], Iterator[Check]]] = {
         "settings": _settings,
         "database": _database,
-        "broker": _broker,
         "artifacts": _artifacts,
-        "control loop": _control,
+        **({"server": _no_server} if serverless else served),
         "workers": _workers,
         "runs": _runs,
         "webhooks": _webhooks,
@@ -122,6 +129,18 @@ def _control(context: Context) -> Iterator[Check]:
         yield Check("control loop", "at work")
 
 
+def _no_server(context: Context) -> Iterator[Check]:
+    with reading(context.engine) as connection:
+        waiting = [f"run {run.id}" for run in runs.in_states(connection, _UNENDED)]
+        waiting += [f"study {study.id}" for study in studies.running(connection) if not study.by_hand]
+    if waiting:
+        yield Check(
+            "server", problem=f"none runs, and work waits for one: {', '.join(waiting)}", remedy="`valerie up` continues it"
+        )
+    else:
+        yield Check("server", "none runs, and no work waits for one")
+
+
 def _workers(context: Context) -> Iterator[Check]:
     for worker in monitoring.workers(context):
         if worker.clock is not None:
@@ -165,7 +184,7 @@ def _workers(context: Context) -> Iterator[Check]:
 
 def _runs(context: Context) -> Iterator[Check]:
     with reading(context.engine) as connection:
-        active = runs.in_states(connection, (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED, RunState.FINISHING))
+        active = runs.in_states(connection, _UNENDED)
         backlog = totals.backlog(connection)
     for run in active:
         if run.reason:

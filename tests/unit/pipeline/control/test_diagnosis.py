@@ -40,6 +40,16 @@ def test_a_deployment_without_a_control_loop_is_told_to_start_one(pipeline: Pipe
     assert problems(pipeline) == {"control loop": "no process has this role"}
 
 
+def test_a_folder_without_a_server_is_wrong_only_while_work_waits_for_one(pipeline: Pipeline) -> None:
+    pipeline.broker.down = True
+    checks = diagnose(pipeline.context, serverless=True)
+    assert [check.problem for check in checks if check.problem] == []
+    assert [check.state for check in checks if check.part == "server"] == ["none runs, and no work waits for one"]
+    run = pipeline.submit(SMALL)
+    found = {check.part: check.problem for check in diagnose(pipeline.context, serverless=True)}
+    assert found["server"] == f"none runs, and work waits for one: run {run}"
+
+
 def test_a_queue_that_nobody_serves_is_named(pipeline: Pipeline) -> None:
     pipeline.submit(SMALL)
     pipeline.loop.tick(everything=True)
