@@ -184,7 +184,6 @@ def plan(
     workers_known = pins is not None
     if pins is None:
         pins, present = _any_pins(resolved), None
-        warnings.append("no running workers offer the renderer and the functions, so stored products are unknown")
     size, moments = resolved.space.size, len(resolved.times.elapsed)
     extent = _extent(resolved, exact_frames)
     survey = _survey(resolved, pins, tenant, extent)
@@ -207,6 +206,8 @@ def plan(
     made = sum(product.bytes for product in products)
     thumbnails = forecast.thumbnails(frames)
     notes = resolved.notes
+    if not workers_known:
+        notes += ("no running worker offers the renderer and the functions, so products stored already are counted, too",)
     if resolved.spec.retention is not Retention.ALL:
         left = f"numbers, report and up to {thumbnails.bytes / 1e6:,.1f} MB of thumbnails"
         if resolved.spec.retention is Retention.FAILURES:

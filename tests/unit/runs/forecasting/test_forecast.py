@@ -118,7 +118,8 @@ def test_without_workers_it_is_unknown_what_is_there_already_and_the_plan_says_s
     assert forecast.renders > 0
     assert {product.present for product in forecast.products} == {None}
     assert all(product["present"] is None for product in forecast.model_dump(mode="json")["products"])
-    assert "stored products are unknown" in forecast.warnings[-1]
+    assert forecast.warnings == ()
+    assert "products stored already are counted, too" in forecast.notes[-1]
 
 
 def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: Manifest, pins: Pins) -> None:
