@@ -57,7 +57,7 @@ class Settings(BaseSettings):
     )
     s3_endpoint: str | None = Field(None, description="URL of an S3-compatible server other than AWS")
     asset_dir: Path = Field(Path(), description="folder of your own assets; empty: the folder assets in data_dir")
-    min_free_mb: int = Field(200, ge=0, description="free space of the artifact folder below which runs pause")
+    min_free_mb: int = Field(200, ge=0, description="free space of the artifact folder below which runs pause, MiB")
 
     # Broker
     broker_url: str = Field(

@@ -23,11 +23,19 @@ _POPULATIONS: Final = {
 }
 
 
+def minus(number: str) -> str:
+    """Return the text of a computed number with a minus sign instead of a hyphen.
+
+    Values of parameters keep the hyphen, as a spec writes them.
+    """
+    return number.replace("-", "−")
+
+
 def percent(value: float | None, digits: int = 1) -> str:
     """Return a rate in per cent without the sign, for columns that state the unit; a dash where undefined."""
     if value is None:
         return DASH
-    return f"{round(100 * value, digits) + 0.0:.{digits}f}".replace("-", "−")
+    return minus(f"{round(100 * value, digits) + 0.0:.{digits}f}")
 
 
 def pedestrian(character: str) -> str:
@@ -94,4 +102,4 @@ def counted(count: int, what: str) -> str:
 
 def points(difference: float) -> str:
     """Return a difference of rates in percentage points with its sign."""
-    return f"{round(100 * difference, 1) + 0.0:+.1f}".replace("-", "−")
+    return minus(f"{round(100 * difference, 1) + 0.0:+.1f}")

@@ -14,7 +14,7 @@ from valerie.cli.shell import say
 from valerie.client import Client, ServerProblemError, ServerUnavailableError
 from valerie.embedded import running
 from valerie.errors import InvalidInput
-from valerie.local.deployment import context_of, has_database, settings_of
+from valerie.local.deployment import context_of, settings_of
 from valerie.local.folder import Folder
 from valerie.local.terminal import command_name
 from valerie.settings import Settings
@@ -65,12 +65,12 @@ def source_of(data_dir: Path | None, url: str | None) -> Iterator[Client | Folde
     """Open the server at ``url`` or on the data folder, to read runs and studies; without a server, open the folder.
 
     Raises:
-        ServerUnavailableError: no server runs, and the data folder has no database.
+        NotFound: no server runs, and the data folder has no database.
         ValerieError: the database is of another version.
     """
     settings = settings_of(data_dir)
     configured = settings.api_port != 0 and not settings.model_fields_set.isdisjoint(("api_host", "api_port"))
-    if url is None and not configured and running.find(settings.data_dir) is None and has_database(settings):
+    if url is None and not configured and running.find(settings.data_dir) is None:
         with context_of(data_dir) as context:
             yield Folder(context, up=_up(settings))
         return

@@ -46,7 +46,8 @@ Exit codes:
   3         completed, but some products failed for good; a replayed frame differs; evidence or an error model is refused
   4         the run was cancelled or failed
   5         something on this machine is missing, full or unreachable
-  6         `gate`, `study run --retrain`: a requirement is not met or undecided, or a function is worse than the baseline
+  6         `gate`, `study run --retrain`: a requirement is not met or undecided, a function is worse than the baseline,
+            or places are too few to tell
   124       a function took longer than VALERIE_INFER_SECONDS
   130, 143  interrupted (Ctrl-C), terminated
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from valerie.analysis.wording import counted
+from valerie.analysis.wording import counted, minus
 from valerie.guided.cascade import TwoEngines
 from valerie.guided.compare import Difference
 from valerie.guided.domain import shown
@@ -264,7 +264,7 @@ def _effect(effect: Effect, study: ResolvedStudy) -> str:
 
 def _share(share: Share, of: str = "") -> str:
     ends = f"{100 * share.low:.0f} … {100 * share.high:.0f}"
-    return f"{100 * share.estimate:.0f} % ({ends}{of})".replace("-", "−")
+    return minus(f"{100 * share.estimate:.0f} % ({ends}") + f"{of})"
 
 
 def _two_engines(known: TwoEngines, study: ResolvedStudy) -> tuple[str, ...]:
@@ -282,12 +282,12 @@ def _two_engines(known: TwoEngines, study: ResolvedStudy) -> tuple[str, ...]:
     cheap, costly = known.costs
     prices = f"A point costs {cheap:.3g} s of CPU time by the cheap and {costly:.3g} s by the costly engine"
     split = f": {known.ratio:.1f} cheap points for each costly one narrow the interval at the lowest price"
-    saved = f"The cheap engine takes {100 * known.saved:.0f} % off the variance that the costly points alone have."
+    saved = f"The cheap engine takes {minus(f'{100 * known.saved:.0f}')} % off the variance that the costly points alone have."
     return (
         f"The {what} by the costly engine is {estimate:.4f} ({low:.4f} … {high:.4f}, 95 % confidence): {known.method}.",
         f"{known.costly:,} costly and {known.cheap:,} cheap points; {correlation}.",
         *((prices + (split if isfinite(known.ratio) else "") + ".",) if isfinite(cheap + costly) else ()),
-        *((saved.replace("-", "−"),) if isfinite(known.saved) else ()),
+        *((saved,) if isfinite(known.saved) else ()),
         *((undefined,) if known.undefined else ()),
         f"The interval holds nearly {_AT_BUDGET} it.",
     )

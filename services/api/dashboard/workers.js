@@ -76,7 +76,7 @@ function spaceNote({ free_bytes: free, min_free_bytes: least }) {
   if (free === null) return null;
   const short = free < least * 4;
   return h("p", { class: `note ${free < least ? "bad" : short ? "wait" : ""}` },
-    h("span", {}, h("strong", {}, `${bytes(free)} free`), ` for artifacts. Runs pause below ${bytes(least)}`, short ? "; valerie gc frees what no run needs." : "."));
+    h("span", {}, h("strong", {}, `${bytes(free)} free`), ` for artifacts. Runs pause below ${count(least / 2 ** 20)} MiB`, short ? "; valerie gc frees what no run needs." : "."));
 }
 
 // One small chart for each kind: the mean CPU time of a product in each span.

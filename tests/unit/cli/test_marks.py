@@ -65,3 +65,15 @@ def test_runs_are_listed_by_tag_with_and_without_a_server(server: tuple[str, str
         lines = CliRunner().invoke(app, ["status", "--tag", "night", "--json", *where]).stdout.splitlines()
         assert [json.loads(line)["tags"] for line in lines] == [["night"]]
         assert CliRunner().invoke(app, ["status", "--tag", "day", "--json", *where]).stdout == ""
+
+
+def test_a_selection_as_wide_as_the_run_is_said_to_cover_everything(server: tuple[str, str], tmp_path: Path) -> None:
+    _, run = server
+    result = CliRunner().invoke(app, ["refine", run, "--where", "pixel_area >= 0", "--data-dir", str(tmp_path)])
+    assert "region: everything, since the selected rows vary as widely as the run" in result.output
+
+
+def test_a_folder_without_data_is_named_by_commands_that_need_no_server(tmp_path: Path) -> None:
+    for command in (["report", "r1"], ["study", "report", "s1"], ["findings", "r1"]):
+        result = CliRunner().invoke(app, [*command, "--data-dir", str(tmp_path)])
+        assert str(result.exception).startswith(f"there is no database {tmp_path}")

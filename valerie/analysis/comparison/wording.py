@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
-from valerie.analysis.wording import ALIKE_PLACES, NO_INTERVAL, counted, for_whom, percent, points, population
+from valerie.analysis.wording import ALIKE_PLACES, NO_INTERVAL, counted, for_whom, minus, percent, points, population
 from valerie.measures import measure_of
 from valerie.runs.document.varied import DISTRIBUTIONS
 from valerie.statistics.fidelity import Fidelity
@@ -115,7 +115,7 @@ def fidelity_sentence(fidelity: Fidelity, here: str = "here", there: str = "ther
     if fidelity.low is not None and fidelity.high is not None:
         span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}]"
         span += f" for {population(fidelity.estimand)}"
-    kappa = "" if fidelity.kappa is None else f", κ {fidelity.kappa:.2f}".replace("-", "−")
+    kappa = "" if fidelity.kappa is None else f", κ {minus(f'{fidelity.kappa:.2f}')}"
     return (
         f"{percent(fidelity.share)} % of {fidelity.persons:,} persons are missed on both sides or on neither{span}{kappa}. "
         f"Of {fidelity.missed_here:,} missed {here}, {fidelity.both:,} are missed {there}, too; "

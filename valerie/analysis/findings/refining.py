@@ -56,7 +56,7 @@ def halved_spec(
     for path in drop:
         if path not in varied:
             raise UnknownName("varied parameter", path, varied, field="--drop")
-    constants: dict[str, Scalar] = {path: middle[path] for path in drop}
+    constants: dict[str, Scalar] = {path: _written(middle[path], definitions[path]) for path in drop}
     refined = []
     for document, block in zip(spec.blocks, blocks, strict=True):
         design = "sobol" if block.design == POINTS else document.design
@@ -109,7 +109,11 @@ def _refined(variation: Variation, definition: ParameterDefinition, bound: Bound
             first = _step_at(distribution.minimum, step, max(low, distribution.minimum), up=True)
             last = _step_at(distribution.minimum, step, min(high, distribution.maximum), up=False)
             return VariedHomogeneous(
-                parameter=name, distribution="HOMOGENEOUS", minimum=first, maximum=max(first, last), step=step
+                parameter=name,
+                distribution="HOMOGENEOUS",
+                minimum=_written(first, definition),
+                maximum=_written(max(first, last), definition),
+                step=_written(step, definition),
             )
         case Uniform():
             least = definition.minimum if distribution.minimum is None else distribution.minimum
@@ -117,24 +121,32 @@ def _refined(variation: Variation, definition: ParameterDefinition, bound: Bound
             return VariedUniform(
                 parameter=name,
                 distribution="UNIFORM",
-                minimum=least if least is None else max(low, float(least)),
-                maximum=most if most is None else min(high, float(most)),
+                minimum=least if least is None else _written(max(low, float(least)), definition),
+                maximum=most if most is None else _written(min(high, float(most)), definition),
                 count=distribution.points,
             )
         case Choice() | Constant():
             values = distribution.values if isinstance(distribution, Choice) else (distribution.constant,)
             inside = tuple(value for value in values if bound is None or _holds(bound, value)) or values
-            return VariedChoice(parameter=name, distribution="CHOICE", values=inside)
+            written = tuple(_written(value, definition) for value in inside)
+            return VariedChoice(parameter=name, distribution="CHOICE", values=written)
         case Gaussian():
             return VariedGaussian(
                 parameter=name,
                 distribution="GAUSSIAN",
-                mean=distribution.mean,
-                standard_deviation=distribution.standard_deviation,
+                mean=_written(distribution.mean, definition),
+                standard_deviation=_written(distribution.standard_deviation, definition),
                 count=distribution.points,
             )
         case _:
             assert_never(distribution)
+
+
+def _written(value: Value, definition: ParameterDefinition) -> Value:
+    """Return a value as a spec states it: a number with its unit, if it has one."""
+    if isinstance(value, bool | str) or not definition.unit:
+        return value
+    return f"{value:.15g} {definition.unit}"
 
 
 def _holds(bound: Bound, value: Value) -> bool:

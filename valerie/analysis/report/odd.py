@@ -203,7 +203,7 @@ def _levels(
     if low == high:
         return (_text(low, definition),), np.zeros(len(values), np.int64)
     edges = [float(f"{edge:.12g}") for edge in np.linspace(low, high, PARTS + 1)]  # 0.6 is at least three fifths of 1
-    names = [f"{start:g}…{_text(end, definition)}".replace("-", "−") for start, end in pairwise(edges)]
+    names = [f"{start:g}…{_text(end, definition)}" for start, end in pairwise(edges)]
     return tuple(names), np.clip(np.digitize(values, edges) - 1, 0, PARTS - 1).astype(np.int64)
 
 

@@ -135,7 +135,9 @@ def _no_server(context: Context) -> Iterator[Check]:
         waiting += [f"study {study.id}" for study in studies.running(connection) if not study.by_hand]
     if waiting:
         yield Check(
-            "server", problem=f"none runs, and work waits for one: {', '.join(waiting)}", remedy="`valerie up` continues it"
+            "server",
+            problem=f"none runs, and work waits for one: {', '.join(waiting)}",
+            remedy="`valerie up` continues it",
         )
     else:
         yield Check("server", "none runs, and no work waits for one")

@@ -76,7 +76,8 @@ def refine_run(
         add=paths[0],
         drop=paths[1],
     )
-    return spec.to_yaml(), "" if selected is rows else str(some)
+    everything = "everything, since the selected rows vary as widely as the run"
+    return spec.to_yaml(), "" if selected is rows else str(some) if some.bounds else everything
 
 
 def _of_finding(context: Context, run_id: str, number: int) -> tuple[str, str]:

@@ -207,7 +207,9 @@ def plan(
     thumbnails = forecast.thumbnails(frames)
     notes = resolved.notes
     if not workers_known:
-        notes += ("no running worker offers the renderer and the functions, so products stored already are counted, too",)
+        notes += (
+            "no running worker offers the renderer and the functions, so products stored already are counted, too",
+        )
     if resolved.spec.retention is not Retention.ALL:
         left = f"numbers, report and up to {thumbnails.bytes / 1e6:,.1f} MB of thumbnails"
         if resolved.spec.retention is Retention.FAILURES:

@@ -45,8 +45,8 @@ def vary(spec: RunSpec) -> list[dict[str, Any]]:
 def test_steps_are_halved_inside_the_region_and_old_steps_stay_on_the_grid() -> None:
     spec = refine(GRID, {X: Range(low=-0.5, high=1.5)})
     first, second = vary(spec)
-    assert (first["minimum"], first["maximum"], first["step"]) == (-0.5, 1.5, 0.5)
-    assert (second["minimum"], second["maximum"], second["step"]) == (3.0, 9.0, 1.0)
+    assert (first["minimum"], first["maximum"], first["step"]) == ("-0.5 m", "1.5 m", "0.5 m")
+    assert (second["minimum"], second["maximum"], second["step"]) == ("3 m", "9 m", "1 m")
     assert (spec.parent_run, spec.iteration) == ("r1", 1)
 
 
@@ -54,14 +54,14 @@ def test_refining_twice_quarters_the_steps() -> None:
     once = refine(GRID)
     twice = refine(once.model_dump(mode="json", exclude_defaults=True) | {"name": once.name})
     assert (once.name, twice.name) == ("a refined", "a refined 2")
-    assert vary(twice)[0]["step"] == 0.25
+    assert vary(twice)[0]["step"] == "0.25 m"
     assert twice.iteration == 2
 
 
 def test_a_parameter_is_dropped_to_its_middle_and_another_added_over_its_range() -> None:
     spec = refine(GRID, drop=[Y], add=["scene.sun-1.azimuth"])
     assert [varied["parameter"] for varied in vary(spec)] == ["person-1.pos.x", "sun-1.azimuth"]
-    assert spec.blocks[0].constants == {Y: 4.0}
+    assert spec.blocks[0].constants == {Y: "4 m"}
     assert vary(spec)[1]["count"] == 3
 
 
@@ -70,8 +70,8 @@ def test_points_become_a_sampling_design_over_the_region() -> None:
     spec = refine({"design": "points", "points": points}, {X: Range(low=-0.5, high=2.0)})
     assert (spec.blocks[0].design, spec.blocks[0].count) == ("sobol", 3)
     first, second = vary(spec)
-    assert (first["distribution"], first["minimum"], first["maximum"]) == ("UNIFORM", -0.5, 2.0)
-    assert (second["distribution"], second["values"]) == ("CHOICE", (5.0,))
+    assert (first["distribution"], first["minimum"], first["maximum"]) == ("UNIFORM", "-0.5 m", "2 m")
+    assert (second["distribution"], second["values"]) == ("CHOICE", ("5 m",))
 
 
 def test_choices_keep_those_of_the_region() -> None:
