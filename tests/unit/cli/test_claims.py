@@ -79,7 +79,7 @@ def test_a_report_shows_a_comparison_that_was_made_elsewhere(run: tuple[Path, st
         "on 216 equal views" in in_short
     )
     assert "pACC is lower with person-1.pos.y 23 m than with 5 m (deeplabv3plus-small, semantic-fpn-small)" in in_short
-    assert "Not decided in either run: 13 of 21 conclusions." in in_short
+    assert "Not decided on either side: 13 of 21 conclusions." in in_short
     assert "comparison uses another run" in html
     with pytest.raises(InvalidInput, match="not a comparison of two runs"):
         report(other)

@@ -37,7 +37,7 @@ _HOLDS: Final = {
     (True, False): "holds only here", (False, True): "holds only there",
 }  # fmt: skip
 _UNDECIDED: Final = {
-    (True, True): "not decided in either run", (True, False): "not decided here", (False, True): "not decided there",
+    (True, True): "not decided on either side", (True, False): "not decided here", (False, True): "not decided there",
 }  # fmt: skip
 #: Columns that are taken from the other run. The function keeps its name in the first run.
 _OWN_COLUMNS: Final = tuple(name for name in (*names_from(*OF_FUNCTION), "undefined_reason") if name != "function")
