@@ -26,6 +26,7 @@ from valerie.parameters.definitions import ParameterDefinition
 from valerie.perception.base import FunctionCard
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.resolving.spec import parse
+from valerie.statistics.curves import Shape
 from valerie.statistics.importance import Importance, Share
 
 DOCUMENT = {"name": "First run", "asset": "urban-street", "seed": 7, "blocks": [{"design": "grid", "vary": ["ä: b"]}]}
@@ -190,6 +191,22 @@ def test_every_finding_is_listed_with_its_pair_of_pictures_and_its_spec(source, 
             assert f"pACC {100 * view.pacc:.1f} %" in page.words
             assert f"frame {view.frame_id}" in page.words
     assert f"{findings.comparisons:,} comparisons searched" in page.words
+
+
+def test_the_caption_names_those_without_a_trend(source):
+    def level(trend):
+        shape = Shape.LEVEL if trend.character == "all" else Shape.FALLING
+        return dataclasses.replace(trend, curve=dataclasses.replace(trend.curve, shape=shape))
+
+    trends = dataclasses.replace(source.trends, items=tuple(map(level, source.trends.items)))
+    page = Page(build_report(dataclasses.replace(source, trends=trends)))
+    assert "no trend is shown for all together: no curve predicts other places clearly better than" in page.words
+
+
+def test_candidates_are_numbered_after_the_findings(source):
+    findings = dataclasses.replace(source.findings, candidates=source.findings.items[:1])
+    page = Page(build_report(dataclasses.replace(source, findings=findings)))
+    assert ("ol", "start", str(len(findings.items) + 1)) in page.attributes
 
 
 def test_findings_come_first_then_limits_and_provenance_is_folded(source, page, html):
