@@ -76,7 +76,7 @@ def test_labels_are_those_of_cityscapes(api: httpx.Client) -> None:
 def test_workers_without_a_recent_sign_of_life_are_not_listed(tmp_path: Path) -> None:
     world = DrawnWorld(settings_of(tmp_path))
     with writing(world.context.engine) as connection:
-        assert processes.worker_seen(connection, "drawn-infer", 1.0)
+        assert processes.worker_seen(connection, "drawn-infer", now=1.0, clock_ahead=0.0)
     with served(create_app(world.settings, control=False)) as client:
         assert [one["id"] for one in client.get("/v1/workers").json()] == ["drawn-render", "drawn-eval"]
 
