@@ -45,9 +45,10 @@ STUDY = {
 NO_PICTURES = {"variants": [], "engine": "raster", "draft": {}, "problem": "there is no Blender environment"}
 #: Time for plots to follow the size of the screen on a busy machine, milliseconds.
 SETTLED_MS = 5_000
-#: What reaches beyond the screen of a page that is too wide.
-WIDER = """() => document.scrollingElement.scrollWidth <= innerWidth ? [] : [...document.querySelectorAll("body *")]
-    .filter((one) => one.getBoundingClientRect().right > innerWidth).map((one) => one.outerHTML.slice(0, 80))"""
+#: The width of a page that is too wide, and what reaches beyond the screen.
+WIDER = """() => document.scrollingElement.scrollWidth <= innerWidth ? [] : [document.scrollingElement.scrollWidth,
+    ...[...document.querySelectorAll("body *")].filter((one) => one.getBoundingClientRect().right > innerWidth)
+        .map((one) => one.outerHTML.slice(0, 80))]"""
 Go = Callable[["Page"], None]
 
 
@@ -241,7 +242,7 @@ def require_accessible(page: Page) -> None:
         ]
         assert serious == [], f"{look}: {answer.generate_report()}"
         with suppress(WaitEnded):  # plots follow the size of the screen a moment later
-            page.wait_for_function("() => document.scrollingElement.scrollWidth <= innerWidth", timeout=SETTLED_MS)
+            page.wait_for_function(f"() => !({WIDER})().length", timeout=SETTLED_MS)
         assert page.evaluate(WIDER) == [], look
 
 

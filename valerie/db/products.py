@@ -50,6 +50,7 @@ from valerie.db.statements import (
     RUNNING,
     UNFINISHED,
     WAITING,
+    Values,
     among,
     in_order,
     insert_ignoring,
@@ -609,19 +610,17 @@ def hand_back(
     connection: Connection, digests: Collection[str], *, owner: str, not_before: float, count_attempt: bool = True
 ) -> None:
     """Return leased products after a transient fault; they rest until ``not_before``, then the sweeper sends them again."""
+    attempts = Product.attempts if count_attempt else Product.attempts - 1
+    ready = {"state": ProductState.READY, "sent_at": None, "not_before": not_before, "attempts": attempts}
+    _let_go(connection, digests, owner, ready)
+
+
+def _let_go(connection: Connection, digests: Collection[str], owner: str, values: Values) -> None:
     dialect = connection.dialect.name
+    released = {"lease_owner": None, "lease_until": None, **values}
     connection.execute(
-        update(Product)
-        .where(in_order(dialect, *_held(dialect)))
-        .values(
-            state=ProductState.READY,
-            lease_owner=None,
-            lease_until=None,
-            sent_at=None,
-            not_before=bindparam("rests"),
-            attempts=Product.attempts if count_attempt else Product.attempts - 1,
-        ),
-        {"digests": digests, "holder": owner, "rests": not_before},
+        update(Product).where(in_order(dialect, *_held(dialect))).values(released),
+        {"digests": digests, "holder": owner},
     )
 
 
@@ -685,10 +684,4 @@ def forget(connection: Connection, digests: Collection[str]) -> None:
 
 def await_inputs(connection: Connection, digests: Collection[str], *, owner: str) -> None:
     """Return leased products to waiting: their inputs have to be made again."""
-    dialect = connection.dialect.name
-    connection.execute(
-        update(Product)
-        .where(in_order(dialect, *_held(dialect)))
-        .values(state=ProductState.WAITING, lease_owner=None, lease_until=None),
-        {"digests": digests, "holder": owner},
-    )
+    _let_go(connection, digests, owner, {"state": ProductState.WAITING})

@@ -394,7 +394,7 @@ class Find:
         return [row for row in lowest.tolist() if row not in self._started]
 
     def _pays(self) -> bool:
-        """Return whether a point of a descent promises more new modes than one that explores.
+        """Return True if a point of a descent promises more new modes than one that explores.
 
         For exploration it is the share of points that alone hit a mode (Good 1953, doi:10.1093/biomet/40.3-4.237).
         """

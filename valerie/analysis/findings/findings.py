@@ -74,7 +74,7 @@ class Finding:
         low, high: interval of the effect, jointly valid for all confirmed findings; None if it is unknown, as where few places
             show the effect but not its size.
         places, pairs: numbers of places and of pairs of rows behind the effect.
-        searched: whether these are only the places that were searched, where the clearest differences look too large.
+        searched: True if these are only the places that were searched, where the clearest differences look too large.
         places_needed: fresh places that would confirm an effect half as large as the search saw; None: no affordable
             number suffices.
         examples: views before and after the (first) step, all else equal, that differ most in the direction of the effect.

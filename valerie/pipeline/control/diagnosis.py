@@ -17,7 +17,7 @@ from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import monitoring, webhooks
 from valerie.pipeline.control.loop import ROLE
-from valerie.runs.products.states import ProductState, RunState, stage_of
+from valerie.runs.products.states import ProductState, stage_of
 from valerie.settings import NO_BROKER
 
 #: Leases, heartbeats and the times of runs are by the database's clock alone.
@@ -25,7 +25,6 @@ _SYNCHRONISE: Final = (
     "synchronise the clocks (NTP); runs go on and results are right, but times in its log and traces are wrong, "
     "and S3 refuses requests of a clock that is 15 minutes off"
 )
-_UNENDED: Final = tuple(state for state in RunState if not state.is_final)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +49,8 @@ def diagnose(context: Context, *, serverless: bool = False) -> list[Check]:
 
     Args:
         context: context of the deployment.
-        serverless: whether it is a folder without a server. It has neither broker nor control loop, and needs them only
-            where something waits for them.
+        serverless: True for a folder without a server. It has neither broker nor control loop, and needs them only where
+            something waits for them.
     """
     served: dict[str, Callable[[Context], Iterator[Check]]] = {"broker": _broker, "control loop": _control}
     parts: dict[str, Callable[[Context], Iterator[Check]]] = {
@@ -131,7 +130,7 @@ def _control(context: Context) -> Iterator[Check]:
 
 def _no_server(context: Context) -> Iterator[Check]:
     with reading(context.engine) as connection:
-        waiting = [f"run {run.id}" for run in runs.in_states(connection, _UNENDED)]
+        waiting = [f"run {run.id}" for run in runs.in_states(connection, runs.ACTIVE)]
         waiting += [f"study {study.id}" for study in studies.running(connection) if not study.by_hand]
     if waiting:
         yield Check(
@@ -186,7 +185,7 @@ def _workers(context: Context) -> Iterator[Check]:
 
 def _runs(context: Context) -> Iterator[Check]:
     with reading(context.engine) as connection:
-        active = runs.in_states(connection, _UNENDED)
+        active = runs.in_states(connection, runs.ACTIVE)
         backlog = totals.backlog(connection)
     for run in active:
         if run.reason:

@@ -69,7 +69,7 @@ class Spot:
             bind: returns the lighting passes of a canvas.
             ground: (3,) radiance of the ground below.
         """
-        everything = Area(0, 0, _VIEW.width, _VIEW.height)
+        rays, everything = _rays(), Area(0, 0, _VIEW.width, _VIEW.height)
         seen = np.empty((len(self._faces), _VIEW.height, _VIEW.width, 4), np.float32)
         for face, (camera, canvas) in zip(seen, self._faces, strict=True):
             canvas.skylit, canvas.shaded = canvas.grid.none(), canvas.grid.none()
@@ -77,9 +77,8 @@ class Spot:
             canvas.light(frame, ~canvas.grid.none())
             frame.release()
             face[..., :3] = canvas.read_pixels(everything)
-            face[..., 3] = canvas.read_depth(camera.near, camera.far) * _rays().lengths
+            face[..., 3] = canvas.read_depth(camera.near, camera.far) * rays.lengths
         np.minimum(seen[..., :3], _BRIGHTEST, out=seen[..., :3])
-        rays = _rays()
         sharp = np.empty((*rays.face.shape, 4), np.float32)
         for k, face in enumerate(seen):
             here = rays.face == k
