@@ -119,7 +119,10 @@ def test_a_public_name_that_leads_to_a_private_address_is_refused(names, address
         allowed_target("https://hooks.example/", (), setting="VALERIE_WEBHOOK_NETWORKS", public=True)
 
 
-@pytest.mark.parametrize(("address", "listed"), [("93.184.215.14", ()), ("10.0.0.7", ("10.0.0.0/8",)), ("64:ff9b::93.184.215.14", ()), ("2606:4700::1111", ())])
+@pytest.mark.parametrize(
+    ("address", "listed"),
+    [("93.184.215.14", ()), ("10.0.0.7", ("10.0.0.0/8",)), ("64:ff9b::93.184.215.14", ()), ("2606:4700::1111", ())],
+)
 def test_a_public_address_and_a_listed_private_one_are_allowed(names, address: str, listed: tuple[str, ...]) -> None:
     names["hooks.example"] = [address]
     assert allowed_target("https://hooks.example/", parse_allowed(listed), public=True).address == address

@@ -17,7 +17,7 @@ from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import monitoring, webhooks
 from valerie.pipeline.control.loop import ROLE
-from valerie.runs.products.states import ProductState, stage_of
+from valerie.runs.products.states import stage_of
 from valerie.settings import NO_BROKER
 
 #: Leases, heartbeats and the times of runs are by the database's clock alone.
@@ -192,7 +192,7 @@ def _runs(context: Context) -> Iterator[Check]:
             yield Check(
                 f"run {run.id}", problem=f"{run.state}: {run.reason}", remedy="docs/operations.md#troubleshooting"
             )
-    unfinished = sum(count for _, state, count in backlog if state is not ProductState.PARKED)
+    unfinished = sum(count for *_, count in backlog)
     yield Check("runs", f"{len(active):,} at work, {counted(unfinished, 'unfinished product')}")
 
 

@@ -22,7 +22,6 @@ from valerie.pipeline.base.context import Context
 from valerie.runs.products.pins import TRUTH
 from valerie.runs.products.states import (
     EVAL_QUEUE,
-    UPLOADED_ROUTE,
     ProductKind,
     ProductState,
     RunState,
@@ -210,7 +209,7 @@ def demand(context: Context) -> Demand:
         finishing = runs.count_by_state(connection).get(RunState.FINISHING, 0)
     products: Counter[str] = Counter()
     for route, state, count in backlog:
-        if route != UPLOADED_ROUTE and state in (ProductState.READY, ProductState.RUNNING):
+        if state in (ProductState.READY, ProductState.RUNNING):
             stage = stage_of(route)
             products[engine_of(route) if stage is Stage.RENDER else stage] += count
     waiting = Counter(run.spec.engine for run in submitted)
