@@ -20,11 +20,7 @@ from valerie.pipeline.control.loop import ROLE
 from valerie.runs.products.states import stage_of
 from valerie.settings import NO_BROKER
 
-#: Leases, heartbeats and the times of runs are by the database's clock alone.
-_SYNCHRONISE: Final = (
-    "synchronise the clocks (NTP); runs go on and results are right, but times in its log and traces are wrong, "
-    "and S3 refuses requests of a clock that is 15 minutes off"
-)
+_SYNCHRONISE: Final = "synchronise the clocks (NTP)"
 
 
 @dataclass(frozen=True, slots=True)
