@@ -201,4 +201,4 @@ def _webhooks(context: Context) -> Iterator[Check]:
                 remedy="mend the receiver or VALERIE_WEBHOOKS; requests are repeated for a day",
             )
         else:
-            yield Check(f"webhook {host}", "delivered")
+            yield Check(f"webhook {host}", "no failed request in the last day")
