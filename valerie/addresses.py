@@ -15,12 +15,16 @@ import ipaddress
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 from urllib.parse import urlsplit
 
 from valerie.errors import InvalidInput, NoAnswer
 
 IpNetwork = ipaddress.IPv4Network | ipaddress.IPv6Network
+
+#: The IPv6 addresses of the public internet, and those that a gateway translates to the IPv4 address inside (RFC 4291, RFC 6052).
+_UNICAST: Final = ipaddress.IPv6Network("2000::/3")
+_NAT64: Final = ipaddress.IPv6Network("64:ff9b::/96")
 
 
 class Endpoint(NamedTuple):
@@ -135,9 +139,12 @@ def _allowed(entry: str, field: str) -> Allowed:
 
 
 def _is_public(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
-    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
-    plain = mapped or address
-    return plain.is_global and not plain.is_multicast
+    if isinstance(address, ipaddress.IPv4Address):
+        return address.is_global and not address.is_multicast
+    inside = address.ipv4_mapped or address.sixtofour
+    if address in _NAT64:
+        inside = ipaddress.IPv4Address(address.packed[-4:])
+    return address in _UNICAST and address.is_global if inside is None else _is_public(inside)
 
 
 def _not_allowed(host: str, port: int, field: str, setting: str) -> InvalidInput:

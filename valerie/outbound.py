@@ -90,6 +90,7 @@ class _Connection(http.client.HTTPConnection):
     def __init__(self, target: Endpoint, timeout_s: float) -> None:
         super().__init__(target.host, target.port, timeout=timeout_s)
         self._target = target
+        self._ended = False
 
     def connect(self) -> None:
         plain = socket.create_connection((self._target.address, self.port), self.timeout)
@@ -98,9 +99,12 @@ class _Connection(http.client.HTTPConnection):
             self.sock = context.wrap_socket(plain, server_hostname=self.host)
         else:
             self.sock = plain
+        if self._ended:
+            raise TimeoutError
 
     def cut(self) -> None:
-        """End the connection from another thread, even while it waits."""
+        """End the connection from another thread, even while it waits, or as soon as it is made."""
+        self._ended = True
         sock = self.sock
         if sock is not None:
             try:

@@ -1,5 +1,6 @@
 -- One role per stage, which reads and writes no more than its workers need. Run it as the owner of the tables, who may create
--- roles, after each `valerie migrate`; then give each role a password (\password valerie_render), and the API the owner's account.
+-- roles, after each `valerie migrate` and `valerie restore`; then give each role a password (\password valerie_render), and the
+-- API the owner's account.
 --
 --   psql "$VALERIE_DATABASE_URL" --file deploy/postgres/roles.sql
 

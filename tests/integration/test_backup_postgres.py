@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from sqlalchemy import inspect
+from sqlalchemy import inspect, text
 
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import write_box_street
 from valerie.db import long_table, runs
-from valerie.db.engine import open_database, reading
+from valerie.db.engine import open_database, reading, writing
 from valerie.errors import Conflict
 from valerie.pipeline.control.backup import back_up, restore
 from valerie.pipeline.control.copy_run import copy_run
@@ -27,7 +28,14 @@ def test_a_backup_of_postgres_is_restored_into_an_empty_database(
     pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
     run = pipeline.submit(SMALL)
     assert pipeline.run(run) == "completed"
+    stage = f"stage_{os.getpid()}"
+    with writing(pipeline.context.engine) as connection:
+        connection.execute(text(f"CREATE ROLE {stage}"))
+        connection.execute(text(f"GRANT SELECT ON runs TO {stage}"))
     back_up(pipeline.context, tmp_path / "backup")
+    with writing(pipeline.context.engine) as connection:
+        connection.execute(text(f"DROP OWNED BY {stage}"))
+        connection.execute(text(f"DROP ROLE {stage}"))  # a new server does not know it
     other = pipeline.settings.model_copy(
         update={"database_url": new_database(), "artifacts_url": str(tmp_path / "other")}
     )

@@ -454,13 +454,13 @@ def test_tags_and_notes_are_edited_and_runs_filtered_by_them(page: Page, api: ht
 def test_a_worker_whose_clock_is_off_says_so(page: Page) -> None:
     def ahead(route: Route) -> None:
         first, *others = route.fetch().json()
-        route.fulfill(json=[first | {"clock": "7,200 s ahead of the database's"}, *others])
+        route.fulfill(json=[first | {"clock": "7,200 s ahead of the database's: results are right"}, *others])
 
     page.route("**/v1/workers", ahead)
     page.click("nav >> text=Workers")
     note = page.locator(".worker .note")
     note.wait_for()
-    assert "Its clock is 7,200 s ahead of the database's." in note.inner_text()
+    assert "Its clock is 7,200 s ahead of the database's: results are right." in note.inner_text()
 
 
 def test_workers_show_costs_failures_and_the_space_left(page: Page) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
+from typing import Any
 
 import pytest
 from sqlalchemy import Engine, select, text
@@ -165,6 +166,44 @@ def test_a_run_that_continues_gets_the_products_that_a_worker_is_parking(
             resumed = executor.submit(lifecycle.resume, pipeline.context, run)
             wait_for_locks(engine, 1)
         resumed.result()
+    assert not any(product.state is ProductState.PARKED for product in pipeline.products())
+    assert pipeline.run(run) == "completed"
+    engine.dispose()
+
+
+@pytest.mark.parametrize("first", ["the sweep", "the run"])
+def test_a_run_that_continues_gets_the_products_that_the_sweep_is_parking(
+    new_database: Callable[[], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, first: str
+) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+    engine, run = pipeline.context.engine, pipeline.submit(spec(xs=2, ys=1))
+    pipeline.loop.tick(everything=True)
+    lifecycle.cancel(pipeline.context, run)
+    revive = products.revive
+
+    def sweep() -> None:
+        with writing(engine) as connection:
+            sweeping.park_unneeded(connection)
+
+    with ThreadPoolExecutor(1) as executor:
+        if first == "the sweep":
+            with writing(engine) as connection:
+                sweeping.park_unneeded(connection)
+                other = executor.submit(lifecycle.resume, pipeline.context, run)
+                wait_for_locks(engine, 1)
+        else:
+
+            def beside(*arguments: Any) -> None:
+                waiting.append(executor.submit(sweep))
+                wait_for_locks(engine, 1)
+                revive(*arguments)
+
+            waiting: list[Future[None]] = []
+            monkeypatch.setattr(products, "revive", beside)
+            lifecycle.resume(pipeline.context, run)
+            (other,) = waiting
+        other.result()
     assert not any(product.state is ProductState.PARKED for product in pipeline.products())
     assert pipeline.run(run) == "completed"
     engine.dispose()

@@ -70,8 +70,8 @@ OUTAGE = (
 AFTER_OUTAGE = LEASE
 _STORM_SECONDS = 3.0
 _MOVES = {
-    "waiting": {"ready", "failed"},
-    "ready": {"running", "failed"},
+    "waiting": {"ready", "failed", "parked"},
+    "ready": {"running", "failed", "parked"},
     "running": {"done", "ready", "failed", "waiting", "parked"},
     "done": {"waiting"},
     "failed": {"waiting", "ready"},

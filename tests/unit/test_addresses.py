@@ -106,6 +106,11 @@ def test_a_meaningless_entry_of_the_list_is_refused(entry: str) -> None:
         "fe80::1%eth0",
         "fd00::7",
         "::ffff:10.0.0.7",
+        # Gateways to IPv4 (NAT64, 6to4) would pass a connection on to the address inside.
+        "64:ff9b::10.0.0.7",
+        "2002:a00:7::1",
+        "::10.0.0.7",
+        "fec0::7",
     ],
 )
 def test_a_public_name_that_leads_to_a_private_address_is_refused(names, address: str) -> None:
@@ -114,7 +119,10 @@ def test_a_public_name_that_leads_to_a_private_address_is_refused(names, address
         allowed_target("https://hooks.example/", (), setting="VALERIE_WEBHOOK_NETWORKS", public=True)
 
 
-@pytest.mark.parametrize(("address", "listed"), [("93.184.215.14", ()), ("10.0.0.7", ("10.0.0.0/8",))])
+@pytest.mark.parametrize(
+    ("address", "listed"),
+    [("93.184.215.14", ()), ("10.0.0.7", ("10.0.0.0/8",)), ("64:ff9b::93.184.215.14", ()), ("2606:4700::1111", ())],
+)
 def test_a_public_address_and_a_listed_private_one_are_allowed(names, address: str, listed: tuple[str, ...]) -> None:
     names["hooks.example"] = [address]
     assert allowed_target("https://hooks.example/", parse_allowed(listed), public=True).address == address

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Final, NamedTuple
 
-from sqlalchemy import Connection, bindparam, delete, or_, select, text, update
+from sqlalchemy import Connection, bindparam, delete, exists, or_, select, text, update
 
-from valerie.db.models import Product
+from valerie.db.links import PRODUCT_LINKS
+from valerie.db.models import Product, Run
 from valerie.db.products import READY_COLUMNS, fail, fail_dependents, lock_with_dependents, to_send
 from valerie.db.statements import READY, RUNNING, UNFINISHED, among, in_order
 from valerie.runs.products.ready import Fault, Ready
-from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
+from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState, RunState
 
 #: No product rests longer than this, seconds; see `valerie.pipeline.work.stages`.
 _LONGEST_PAUSE: Final = 60.0
@@ -111,6 +112,25 @@ def fail_orphaned_dependents(connection: Connection, now: float) -> None:
     ).all()
     lock_with_dependents(connection, failed)
     fail_dependents(connection, failed, now)
+
+
+def park_unneeded(connection: Connection) -> None:
+    """Park the products that wait or are ready and that no running run links to; those at work stay with their workers.
+
+    Otherwise those of cancelled and paused runs would fill the feeding window, and call for workers. Predictions to be
+    uploaded do neither.
+    """
+    keep_from_being_linked(connection)
+    needed = (
+        exists().where(column == Product.digest, table.run_id == Run.id, Run.state == RunState.RUNNING)
+        for table, column in PRODUCT_LINKS
+    )
+    idle = Product.state.in_([ProductState.WAITING, ProductState.READY])
+    connection.execute(
+        update(Product)
+        .where(UNFINISHED, idle, Product.route != UPLOADED_ROUTE, *(~link for link in needed))
+        .values(state=ProductState.PARKED)
+    )
 
 
 def keep_from_being_linked(connection: Connection) -> None:

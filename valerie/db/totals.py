@@ -16,7 +16,11 @@ from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductSta
 
 #: Cache group of the evaluations of uploaded predictions.
 UPLOADED_GROUP: Final = "uploaded"
-_BACKLOG = select(Product.route, Product.state, func.count()).where(UNFINISHED).group_by(Product.route, Product.state)
+_BACKLOG: Final = (
+    select(Product.route, Product.state, func.count())
+    .where(UNFINISHED, Product.route != UPLOADED_ROUTE)
+    .group_by(Product.route, Product.state)
+)
 
 
 class Backlog(NamedTuple):
@@ -119,7 +123,7 @@ def unfinished_count(connection: Connection) -> int:
 
 
 def backlog(connection: Connection) -> list[Backlog]:
-    """Return the number of unfinished products by route and state."""
+    """Return the number of unfinished products by route and state, without predictions to be uploaded, which no worker makes."""
     return [Backlog(*row) for row in connection.execute(_BACKLOG)]
 
 

@@ -264,6 +264,8 @@ class Supervisor:
         self._lock.close()
 
 
+#: Settings that are secrets or contain some, and that only the API uses, with its control loop.
+_OF_API: Final = ("api_token", "oidc_secret", "webhooks", "webhook_secret")
 _LIBRARIES: Final = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -277,7 +279,11 @@ _LIBRARIES: Final = {
 
 
 def service_environment(name: str, settings: Settings) -> dict[str, str]:
-    """Return the environment of a service: that of this process, ``settings``, and numbers of threads for its work."""
+    """Return the environment of a service: that of this process, ``settings``, and numbers of threads for its work.
+
+    Workers, which may run on other machines, get no secret of the API.
+    """
+    own = settings if name not in WORKERS else settings.model_copy(update=dict.fromkeys(_OF_API))
     libraries = dict(_LIBRARIES)
     if name == "infer":
         threads = str(settings.inference_threads)
@@ -289,7 +295,7 @@ def service_environment(name: str, settings: Settings) -> dict[str, str]:
         **{key: value for key, value in os.environ.items() if not key.startswith("VALERIE_")},
         # Variables that the user has set override these defaults.
         **{key: value for key, value in libraries.items() if key not in os.environ},
-        **settings.environment(),
+        **own.environment(),
         "PYTHONPATH": os.pathsep.join(filter(None, [str(_source_root()), os.environ.get("PYTHONPATH")])),
         "PYTHONUNBUFFERED": "1",
     }

@@ -195,6 +195,15 @@ class ParameterDefinition(Document):
             )
         return wrapped
 
+    def text(self, value: Value, digits: int = 6) -> str:
+        """Return a value in words: a choice, ``true`` or ``false``, or a number with the unit, rounded to ``digits``."""
+        if isinstance(value, str):
+            return value
+        if isinstance(value, bool):
+            return "true" if value else "false"
+        number = str(value) if isinstance(value, int) else f"{value:.{digits}g}"
+        return f"{number} {self.unit}".rstrip()
+
     @property
     def range_text(self) -> str:
         """The declared range as text, e.g. ``-10…20 m``; the choices of a parameter without a range."""

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from valerie.guided.domain import Domain, shown
+from valerie.guided.domain import Domain
 from valerie.guided.map import Call, Map
 from valerie.parameters.samplers import UnitPoints
 
@@ -76,10 +76,7 @@ def slice_of(boundary: Map, domain: Domain, anchor: UnitPoints) -> BoundarySlice
             strips.append((row, column, width, call))
             column += width
     low, high, kept = (
-        [
-            f"{shown(value)} {d.unit}".rstrip()
-            for value, d in zip(domain.values(point).values(), domain.definitions, strict=True)
-        ]
+        [d.text(value, 4) for value, d in zip(domain.values(point).values(), domain.definitions, strict=True)]
         for point in (np.zeros(domain.dimensions), np.ones(domain.dimensions), anchor)
     )
     return BoundarySlice(

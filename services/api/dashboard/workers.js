@@ -47,7 +47,7 @@ function card(worker) {
   return h("section", { class: "card worker" },
     h("div", { class: "row" }, h("h2", {}, STAGES[worker.stage] ?? worker.stage), worker.resting ? h("span", { class: "chip bad" }, "put aside") : h("span", { class: `chip ${makes.length ? "active" : "good"}` }, makes.length ? `makes ${makes.join(", ")}` : "idle")),
     worker.resting ? h("p", { class: "note bad" }, h("span", {}, "Its last products failed, and so does the test of its machine: ", worker.resting, ". It tests again every minute.")) : null,
-    worker.clock ? h("p", { class: "note wait" }, h("span", {}, h("strong", {}, `Its clock is ${worker.clock}.`), " Results are right, but times in its log and traces are wrong, and S3 refuses requests of a clock that is 15 minutes off.")) : null,
+    worker.clock ? h("p", { class: "note wait" }, `Its clock is ${worker.clock}.`) : null,
     h("p", { class: "small soft" }, `${worker.host}, process ${worker.pid}, for ${duration(Math.max(0, Math.round(Date.now() / 1000 - worker.started_at)))}`),
     offers.length ? h("ul", { class: "offers" }, offers) : h("p", { class: "small" }, "compares predictions with ground truth; gives the same result on every machine"));
 }

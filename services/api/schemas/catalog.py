@@ -103,8 +103,8 @@ class WorkerRead(Read):
         examples=[None],
     )
     clock: str | None = Field(
-        description="by how much its clock differs from the database's, if by more than 5 s",
-        examples=["7,200 s ahead of the database's"],
+        description="by how much its clock differs from the database's, and what that does; null up to 5 s",
+        examples=["7,200 s ahead of the database's: results are right, but times in its log are wrong"],
     )
 
 

@@ -1,5 +1,6 @@
 """Restarting what dies, and giving up what cannot live."""
 
+import base64
 import os
 import socket
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from valerie.embedded.guarded_process import Command
-from valerie.embedded.supervisor import Service, free_port, service_environment
+from valerie.embedded.supervisor import WORKERS, Service, free_port, service_environment
 from valerie.errors import Conflict, InvalidInput
 from valerie.settings import load_settings
 
@@ -178,6 +179,22 @@ def test_a_service_gets_the_settings_and_as_many_threads_as_its_work_can_use(mon
     assert infer["OMP_NUM_THREADS"] == "3"
     assert infer["OMP_WAIT_POLICY"] == "PASSIVE"
     assert infer["VALERIE_API_PORT"] == "1234"
+
+
+def test_a_worker_gets_no_secret_of_the_api(monkeypatch: pytest.MonkeyPatch) -> None:
+    hook, key = "https://hooks.example/team-secret", base64.b64encode(b"a secret key of 32 bytes, at any rate").decode()
+    secrets = {
+        "api_token": "operators-secret-token",
+        "oidc_secret": "clients-secret",
+        "webhooks": hook,
+        "webhook_secret": key,
+    }
+    for name, value in secrets.items():
+        monkeypatch.setenv(f"VALERIE_{name.upper()}", value)
+    settings = load_settings()
+    for stage in WORKERS:
+        assert not {*service_environment(stage, settings).values()} & {*secrets.values()}
+    assert {*service_environment("api", settings).values()} >= {*secrets.values()}
 
 
 def test_what_a_user_set_for_a_library_wins(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,3 +99,12 @@ def test_a_wrapped_angle_lies_in_its_window_and_is_the_same_angle(degrees: float
 
 def test_a_tiny_negative_angle_does_not_become_a_whole_turn() -> None:
     assert wrap(-1e-300) == 0.0
+
+
+def test_a_value_in_words_has_its_unit_if_it_is_a_number() -> None:
+    across, heading = define(unit="m"), define(type="ANGLE")
+    assert [across.text(0.1 + 0.2), across.text(1234.5678, 4), heading.text(90.0)] == ["0.3 m", "1235 m", "90 deg"]
+    assert define(type="INT", unit="px").text(12_345_678) == "12345678 px"
+    assert define().text(2.5) == "2.5"
+    assert [define(type="BOOL", default=True).text(value) for value in (True, False)] == ["true", "false"]
+    assert define(type="CATEGORICAL", choices=["a", "b"], default="a", unit="").text("b") == "b"

@@ -5,13 +5,13 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import delete, select
 
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
 from valerie.db import frames, results, runs, sweeping, totals
 from valerie.db.engine import reading, writing
-from valerie.db.models import FedBlock
+from valerie.db.models import FedBlock, Product, Worker
 from valerie.errors import (
     Conflict,
     InvalidInput,
@@ -372,6 +372,22 @@ class TestSteering:
         assert pipeline.run(run) == "completed"
         assert pipeline.made() == ALL
 
+    def test_a_cancelled_run_leaves_window_and_queues_to_others(self, pipelines: Callable[..., Pipeline]) -> None:
+        pipeline = pipelines()
+        large = pipeline.submit(spec(xs=10, ys=10))
+        pipeline.loop.tick(everything=True)
+        small = pipeline.submit(spec(xs=2, ys=1))  # needs some of the same products
+        pipeline.loop.tick(everything=True)
+        lifecycle.cancel(pipeline.context, large)
+        pipeline.loop.tick(everything=True)
+        with reading(pipeline.context.engine) as connection:
+            assert totals.unfinished_count(connection) == 2 + 4 * 4
+        assert pipeline.run(small) == "completed"
+        assert {product.state for product in pipeline.products()} == {"done", "parked"}
+        lifecycle.resume(pipeline.context, large)
+        assert pipeline.run(large) == "completed"
+        assert len(rows(pipeline, large)) == 2 * 200
+
     def test_an_ended_run_cannot_be_cancelled_and_an_active_one_not_deleted(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()
         with pytest.raises(Conflict, match="cancel it before"):
@@ -439,6 +455,21 @@ class TestTheControlLoop:
         assert "render worker with the engine 'blank'" in pipeline.row(run).reason
         pipeline.add_worker()
         assert pipeline.run(run) == "completed"
+
+    def test_a_run_names_a_queue_that_nobody_serves_only_if_it_needs_it(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit()
+        pipeline.loop.tick(everything=True)
+        layers = Product.__table__.c.kind == ProductKind.LAYER
+        with writing(pipeline.context.engine) as connection:
+            connection.execute(Product.__table__.update().where(layers).values(route="render.raster.of-another-run"))
+        pipeline.loop.tick(everything=True)
+        assert pipeline.row(run).reason is None
+        with writing(pipeline.context.engine) as connection:
+            connection.execute(delete(Worker))
+        pipeline.loop.tick(everything=True)
+        assert (pipeline.row(run).reason or "").startswith(
+            "no living worker serves the queue infer.blank, render.blank"
+        )
 
 
 class TestSubmitting:

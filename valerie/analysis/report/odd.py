@@ -134,7 +134,7 @@ def odd_coverage(
             )
         else:
             value = constants.get(definition.path, definition.default)
-            held.append(Held(definition.odd, short_name(definition.path), _text(value, definition)))
+            held.append(Held(definition.odd, short_name(definition.path), definition.text(value)))
     pairs = [
         CoveredPair(one, other, _together(one, places, other, others))
         for (one, places), (other, others) in combinations(varied, 2)
@@ -201,9 +201,9 @@ def _levels(
     low = values.min() if definition.minimum is None else definition.minimum
     high = values.max() if definition.maximum is None else definition.maximum
     if low == high:
-        return (_text(low, definition),), np.zeros(len(values), np.int64)
+        return (definition.text(low),), np.zeros(len(values), np.int64)
     edges = [float(f"{edge:.12g}") for edge in np.linspace(low, high, PARTS + 1)]  # 0.6 is at least three fifths of 1
-    names = [f"{start:g}…{_text(end, definition)}" for start, end in pairwise(edges)]
+    names = [f"{start:g}…{definition.text(end)}" for start, end in pairwise(edges)]
     return tuple(names), np.clip(np.digitize(values, edges) - 1, 0, PARTS - 1).astype(np.int64)
 
 
@@ -213,9 +213,3 @@ def _together(
     shape = len(one.levels), len(other.levels)
     counts = np.bincount(places * shape[1] + others, minlength=shape[0] * shape[1]).reshape(shape)
     return tuple(tuple(row) for row in counts.tolist())
-
-
-def _text(value: Value, definition: ParameterDefinition) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return value if isinstance(value, str) else f"{value:g} {definition.unit}".strip()

@@ -125,7 +125,8 @@ def _load(url: str, file: Path) -> None:
     tables = _postgres("psql", "--no-psqlrc", "--tuples-only", "--command=\\dt", url=url)
     if tables.strip():
         raise Conflict("the database has tables: a backup is restored into an empty one")
-    _postgres("pg_restore", "--no-owner", "--exit-on-error", str(file), url=url)
+    # The accounts of stages may not exist there yet: deploy/postgres/roles.sql makes them.
+    _postgres("pg_restore", "--no-owner", "--no-privileges", "--exit-on-error", str(file), url=url)
 
 
 def _path(url: str) -> Path:

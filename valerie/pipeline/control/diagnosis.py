@@ -17,14 +17,10 @@ from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import monitoring, webhooks
 from valerie.pipeline.control.loop import ROLE
-from valerie.runs.products.states import ProductState, stage_of
+from valerie.runs.products.states import stage_of
 from valerie.settings import NO_BROKER
 
-#: Leases, heartbeats and the times of runs are by the database's clock alone.
-_SYNCHRONISE: Final = (
-    "synchronise the clocks (NTP); runs go on and results are right, but times in its log and traces are wrong, "
-    "and S3 refuses requests of a clock that is 15 minutes off"
-)
+_SYNCHRONISE: Final = "synchronise the clocks (NTP)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +188,7 @@ def _runs(context: Context) -> Iterator[Check]:
             yield Check(
                 f"run {run.id}", problem=f"{run.state}: {run.reason}", remedy="docs/operations.md#troubleshooting"
             )
-    unfinished = sum(count for _, state, count in backlog if state is not ProductState.PARKED)
+    unfinished = sum(count for *_, count in backlog)
     yield Check("runs", f"{len(active):,} at work, {counted(unfinished, 'unfinished product')}")
 
 
@@ -205,4 +201,4 @@ def _webhooks(context: Context) -> Iterator[Check]:
                 remedy="mend the receiver or VALERIE_WEBHOOKS; requests are repeated for a day",
             )
         else:
-            yield Check(f"webhook {host}", "delivered")
+            yield Check(f"webhook {host}", "no failed request in the last day")

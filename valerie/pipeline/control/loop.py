@@ -76,6 +76,8 @@ class ControlLoop:
         # Adding up what a large run took may last longer than a lease.
         self._keeping = _Aside(ThreadPoolExecutor(1, thread_name_prefix="quotas"), self._keep_quotas)
         self._finish_sent: dict[str, float] = {}
+        #: Runs whose products were left in the queues; None: unknown.
+        self._queued: frozenset[str] | None = None
         self._next_sweep = self._next_probe = self._next_count = self._next_quota = -math.inf
 
     def wake(self) -> None:
@@ -125,6 +127,7 @@ class ControlLoop:
         if not held:
             self._book.forget()
             self._feeders.clear()
+            self._queued = None
             self._studies = StudyKeeper(self._context)
             return False
         self._pin_submitted(now)
@@ -143,6 +146,7 @@ class ControlLoop:
         self._finish([run.id for run in active if run.state is RunState.FINISHING], elapsed)
         if elapsed >= self._next_sweep:
             self._sweep(now)
+            self._park(frozenset(run.id for run in running))
             fail_overdue(self._context, running, now)
             self._next_sweep = elapsed + self._settings.sweep_seconds
             self._guard_space()
@@ -287,6 +291,13 @@ class ControlLoop:
         if expired or late or lost:
             log.info("control.swept", expired=len(expired), late=len(late), lost=len(lost))
         send_ready(self._context, [*expired, *late, *lost])
+
+    def _park(self, running: frozenset[str]) -> None:
+        """Park what nobody needs any more, if a run has stopped since the last time."""
+        if self._queued is None or not self._queued <= running:
+            with writing(self._context.engine) as connection:
+                sweeping.park_unneeded(connection)
+        self._queued = running
 
     def _waiting(self, routes: Collection[str]) -> dict[str, int]:
         """Return the number of messages in each queue; empty while the broker does not answer."""

@@ -22,7 +22,6 @@ from valerie.pipeline.base.context import Context
 from valerie.runs.products.pins import TRUTH
 from valerie.runs.products.states import (
     EVAL_QUEUE,
-    UPLOADED_ROUTE,
     ProductKind,
     ProductState,
     RunState,
@@ -210,7 +209,7 @@ def demand(context: Context) -> Demand:
         finishing = runs.count_by_state(connection).get(RunState.FINISHING, 0)
     products: Counter[str] = Counter()
     for route, state, count in backlog:
-        if route != UPLOADED_ROUTE and state in (ProductState.READY, ProductState.RUNNING):
+        if state in (ProductState.READY, ProductState.RUNNING):
             stage = stage_of(route)
             products[engine_of(route) if stage is Stage.RENDER else stage] += count
     waiting = Counter(run.spec.engine for run in submitted)
@@ -235,10 +234,16 @@ class BusyWorker(WorkerRow):
 
 
 def clock_remark(ahead: float) -> str | None:
-    """Return in words by how many seconds a clock is ahead of the database's, None if it is not worth a remark."""
+    """Return in words how many seconds a clock is ahead of the database's, and what that does; None if it does nothing.
+
+    Leases, heartbeats and the times of runs are by the database's clock alone.
+    """
     if abs(ahead) <= _CLOCK_SECONDS:
         return None
-    return f"{abs(ahead):,.0f} s {'ahead of' if ahead > 0 else 'behind'} the database's"
+    return (
+        f"{abs(ahead):,.0f} s {'ahead of' if ahead > 0 else 'behind'} the database's: results are right, but times in its log "
+        "and traces are wrong, and S3 refuses requests of a clock that is 15 minutes off"
+    )
 
 
 def workers(context: Context) -> list[BusyWorker]:

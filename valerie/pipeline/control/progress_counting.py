@@ -19,7 +19,7 @@ from valerie.db.runs import RunRow
 from valerie.db.totals import Backlog
 from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
 from valerie.runs.products.progress import BlockCounts, FrameProgress, Progress, StageProgress, VariantProgress
-from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, RunState, Stage, stage_of
+from valerie.runs.products.states import ProductState, RunState, Stage, stage_of
 
 #: A rate is measured over at least this time and at least this many: that of a slow stage would jump with each one.
 _RATE_SECONDS: Final = 20.0
@@ -88,7 +88,7 @@ class ProgressBook:
             if run_id not in self._closed:
                 self._closed[run_id] = fed_blocks.closed_counts(connection, run_id)
             backlog = totals.backlog(connection)
-            served = frozenset({offer.route for offer in processes.offers(connection, now=now)} | {UPLOADED_ROUTE})
+            served = frozenset(offer.route for offer in processes.offers(connection, now=now))
             awaited = runs.awaited_count(connection, run_id) if deadlines(run.pins) else 0
         closed = self._closed[run_id]
         for number in counted:  # a retry opened it again
@@ -116,7 +116,8 @@ class ProgressBook:
         history.append((look.now, look.total))
         while len(history) > 2 and look.now - history[1][0] >= _RATE_LONGEST:
             history.popleft()
-        idle = sorted({route for route, _, _ in look.backlog if stage_of(route) is not Stage.EVAL} - look.served)
+        own = set[str]() if run.pins is None else run.pins.routes
+        idle = sorted(own.intersection(route for route, _, _ in look.backlog) - look.served)
         reason = f"no living worker serves the queue {', '.join(idle)}" if idle else None
         return Progress(
             state=run.state,

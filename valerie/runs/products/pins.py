@@ -119,6 +119,12 @@ class Pins(Document):
     truth: Offer
     functions: dict[str, FunctionPin]
 
+    @property
+    def routes(self) -> frozenset[str]:
+        """The queues of its products before evaluation."""
+        parts = ((pins.engine, pins.truth, *pins.functions.values()) for pins in self.combinations())
+        return frozenset(offer.route for offers in parts for offer in offers)
+
     def at(self, assignment: Mapping[str, Value]) -> Pins:  # noqa: ARG002
         """Return the pins of a variant's frames."""
         return self

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.parameters.definitions import ParameterDefinition
 from valerie.parameters.distributions import Homogeneous
 from valerie.parameters.space import ParameterSpace
 from valerie.rendering.engine import Ability
@@ -184,7 +184,7 @@ def _about_declarations(vocabulary: Vocabulary, space: ParameterSpace) -> Iterat
     for parameter in vocabulary.spec.parameters:
         definition = vocabulary.definitions[vocabulary.paths[parameter.name]]
         if definition.path not in used:
-            default = _text(definition.default, definition)
+            default = definition.text(definition.default)
             yield f"{definition.name} is declared and not varied; it stays at {default}"
 
 
@@ -195,8 +195,3 @@ def _about_times(space: ParameterSpace, times: Times) -> Iterator[str]:
         yield "sequence: nothing moves; all frames of a variant are the same"
     elif len(times.elapsed) == 1 and TIME_PATH not in space.used:
         yield "trajectories without sequence or time: the run covers only the moment 0 s"
-
-
-def _text(value: Value, definition: ParameterDefinition) -> str:
-    is_decimal = definition.is_number and definition.type is not ParameterType.INT
-    return f"{value:g} {definition.unit}".rstrip() if is_decimal else str(value)

@@ -83,11 +83,12 @@ def test_a_worker_whose_clock_is_off_is_named_with_what_that_means(pipeline: Pip
         found[ahead] = problems(pipeline)
     assert found[4.0] == found[-4.0] == {}
     part = f"clock of {worker.id}"
-    assert found[7200.0] == {part: f"the clock of {worker.host} is 7,200 s ahead of the database's"}
-    assert found[-90.0] == {part: f"the clock of {worker.host} is 90 s behind the database's"}
+    for ahead, words in ((7200.0, "7,200 s ahead of"), (-90.0, "90 s behind")):
+        assert found[ahead].keys() == {part}
+        expected = f"the clock of {worker.host} is {words} the database's: results are right, but times in its log"
+        assert found[ahead][part].startswith(expected)
     (check,) = (check for check in diagnose(pipeline.context) if check.part == part)
     assert "NTP" in check.remedy
-    assert "results are right" in check.remedy
 
 
 def test_a_worker_of_an_older_release_has_an_unknown_clock(pipeline: Pipeline) -> None:

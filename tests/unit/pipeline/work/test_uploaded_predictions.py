@@ -17,7 +17,8 @@ from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.base.deadlines import deadlines
-from valerie.pipeline.control import lifecycle
+from valerie.pipeline.control import lifecycle, monitoring
+from valerie.pipeline.control.diagnosis import diagnose
 from valerie.pipeline.functions import registry
 from valerie.pipeline.reading.frame_pictures import find_picture
 from valerie.pipeline.work.uploaded_predictions import put_prediction
@@ -59,6 +60,13 @@ def test_the_run_says_what_it_waits_for_and_sends_no_message(waiting: tuple[Pipe
     assert row.progress.awaiting == 8
     assert row.progress.stages["infer"].done == 8, "those of the other function"
     assert pipeline.broker.queue_lengths(["infer.uploaded"]) == {"infer.uploaded": 0}
+
+
+def test_no_worker_is_called_for(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, _ = waiting
+    assert "infer.uploaded" not in {queue.route for queue in monitoring.queues(pipeline.context)}
+    assert "infer.uploaded" not in monitoring.metrics(pipeline.context)
+    assert not any("valerie worker" in check.remedy for check in diagnose(pipeline.context))
 
 
 def test_it_ends_with_results_when_all_are_uploaded(waiting: tuple[Pipeline, str]) -> None:

@@ -204,9 +204,4 @@ def _extremes(study: ResolvedStudy, batches: Sequence[BatchRow]) -> list[_Place]
 
 
 def _named(study: ResolvedStudy, values: Mapping[str, Value]) -> str:
-    parts = []
-    for definition in study.domain.definitions:
-        value = values[definition.path]
-        text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        parts.append(f"{definition.name} {text} {definition.unit}".rstrip())
-    return ", ".join(parts)
+    return ", ".join(f"{d.name} {d.text(values[d.path], 4)}" for d in study.domain.definitions)
