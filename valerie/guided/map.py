@@ -1,14 +1,14 @@
 """A map of the boundary between pass and fail: pass, fail, undefined, or not known.
 
-A Gaussian process (Matérn 5/2, one length scale per parameter) is fitted to the margins. Half of each batch explores
-with scrambled Sobol' points. The others are the points of a pool where the process is least sure of the verdict, with the
-largest 1.96 σ − |μ| (straddle heuristic: Bryan and others 2005, *Advances in Neural Information Processing Systems* 18);
-each choice lowers σ around it before the next.
+A Gaussian process is fitted to the margins. Half of each batch explores with scrambled Sobol' points. The others are the
+points of a pool where the process is least sure of the verdict, with the largest 1.96 σ − |μ| (straddle heuristic: Bryan and
+others 2005, *Advances in Neural Information Processing Systems* 18); each choice lowers σ around it before the next.
 
 The calls need more than the process, since verdicts jump where a person is hidden, and since scores have noise. A random
-forest of the classes pass, fail and undefined knows jumps, and a logistic regression of both models' held-out predictions
-weighs them (stacking: Wolpert 1992, doi:10.1016/S0893-6080(05)80023-1). *Held-out* is leave-one-out for the process, out of
-bag for the forest, so no point is predicted from its own score.
+forest of the classes pass, fail and undefined knows jumps, the verdicts of the nearest points know small regions, and a
+logistic regression of the held-out predictions of all three weighs them (stacking: Wolpert 1992,
+doi:10.1016/S0893-6080(05)80023-1). *Held-out* is out of bag for the forest and leave-one-out for the others, so no point is
+predicted from its own score.
 
 The map gives a verdict from the largest probability of a call down to where at most a share `WRONG` of the calls is wrong, by
 the upper bound (`highest_share`) of the held-out calls of exploring points, which are
@@ -18,11 +18,10 @@ known".
 
 from __future__ import annotations
 
-import warnings
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +34,9 @@ from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
 from valerie.statistics.intervals import highest_share
 from valerie.statistics.threads import one_thread
+
+if TYPE_CHECKING:
+    from valerie.guided.process import Process
 
 Floats = NDArray[np.float64]
 
@@ -49,8 +51,10 @@ CONFIDENCE: Final = 0.9
 FITTED: Final = 300
 _POOL: Final = 2_000
 _DOUBTFUL: Final = 400
-_REFERENCE: Final = 4_096
-_TREES: Final = 200
+_REFERENCE: Final = 1_024
+_TREES: Final = 30
+#: Nearest points whose verdicts count.
+_NEAREST: Final = 10
 #: Largest |μ| / σ that the regression distinguishes.
 _SUREST: Final = 4.0
 
@@ -117,7 +121,7 @@ class Map:
         self._explored = np.empty(0, np.bool_)
         self._process: Process | None = None
         self._verdicts: _Verdicts | None = None
-        self._lengths: tuple[int, Any] = (0, None)
+        self._fitted = 0  # defined scores at the last fit of the kernel
         self._reference: UnitPoints | None = None
 
     @one_thread()
@@ -125,13 +129,11 @@ class Map:
         """Return the next batch."""
         rng = np.random.default_rng([self.seed, 1, self._asked])
         self._asked += 1
-        process = self._process
-        exploring = count if process is None else max(int(EXPLORING * count), 1)
-        points = self._exploration.take(exploring)
         doubtful = np.empty((0, self.domain.dimensions))
-        if process is not None and exploring < count:
-            doubtful = self._doubtful(process, rng, count - exploring)
-            points = np.concatenate([points, doubtful])
+        if self._process is not None:
+            doubtful = self._doubtful(self._process, rng, count - max(int(EXPLORING * count), 1))
+        exploring = count - len(doubtful)
+        points = np.concatenate([self._exploration.take(exploring), doubtful])
         self._explores.append(exploring)
         numbers = {"scored": len(self._scores), "exploring": exploring, "doubtful": len(doubtful)}
         return self._open.add(points, Reason(Why.BORDER, numbers))
@@ -149,7 +151,7 @@ class Map:
         self._scores = np.concatenate([self._scores, values])
         self._verdicts = None
         if np.count_nonzero(~np.isnan(self._scores)) >= FIRST:
-            self._process = self._fitted()
+            self._fit()
 
     @one_thread()
     def calls(self, points: UnitPoints) -> NDArray[np.str_]:
@@ -164,7 +166,7 @@ class Map:
         if self._process is None:
             return None
         if self._reference is None:
-            self._reference = self.domain.draw(np.random.default_rng([self.seed, 2]), _REFERENCE)
+            self._reference = SpaceFilling(self.domain, self.seed + 1).take(_REFERENCE)
         calls = self.calls(self._reference)
         verdicts = self._known()
         shares = {call: float(np.mean(calls == call)) for call in Call}
@@ -192,29 +194,45 @@ class Map:
         return self._verdicts
 
     def _doubtful(self, process: Process, rng: np.random.Generator, count: int) -> UnitPoints:
-        pool = self.domain.draw(rng, max(_POOL, 4 * count))
-        mean, deviation = process.predict(pool)
-        best = np.argsort(np.abs(mean) - 1.96 * deviation, kind="stable")[: max(_DOUBTFUL, 2 * count)]
-        pool, mean = pool[best], mean[best]
-        covariance = process.covariance(pool)
-        left = np.ones(len(pool), np.bool_)
+        """Return legal points where the process is least sure, (count, dimensions); fewer if hardly any is legal."""
+        pool = rng.random((max(_POOL, 4 * count), self.domain.dimensions))
+        features = self.domain.features(pool)
+        seen = process.seen(features)
+        mean, deviation = process.predict(seen)
+        best = np.argsort(np.abs(mean) - 1.96 * deviation, kind="stable")[: max(_DOUBTFUL, 4 * count)]
+        pool, features, seen, certain = pool[best], features[best], seen[:, best], np.abs(mean[best])
+        covariance = process.kernel(features, features) - seen.T @ seen
+        variance, columns = np.diag(covariance).copy(), np.empty((len(pool), count))
         chosen: list[int] = []
-        for _ in range(count):
-            deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
-            row = int(np.argmax(np.where(left, 1.96 * deviation - np.abs(mean), -np.inf)))
+        for _ in pool:
+            if len(chosen) == count:
+                break
+            row = int(np.argmax(1.96 * np.sqrt(np.maximum(variance, 0)) - certain))
+            certain[row] = np.inf
+            if not self.domain.legal(pool[row : row + 1])[0]:  # legality costs most, so only chosen points are tried
+                continue
+            k = len(chosen)
+            column = covariance[:, row] - columns[:, :k] @ columns[row, :k]
+            columns[:, k] = column / np.sqrt(column[row] + process.kernel.noise)
+            variance -= columns[:, k] ** 2
             chosen.append(row)
-            left[row] = False
-            column = covariance[:, row]
-            covariance = covariance - np.outer(column, column) / (column[row] + process.noise)
         return pool[chosen]
 
-    def _fitted(self) -> Process:
-        """Return the process for all scores so far; length scales are refitted each time the points have grown by half."""
+    def _fit(self) -> None:
+        """Fit the process to all scores so far; its kernel is refitted each time the points have grown by half."""
+        from valerie.guided.process import Kernel, Process  # loads much of scipy
+
         defined = ~np.isnan(self._scores)
-        points, values = self.domain.features(self._points[defined]), margins(self._scores[defined], self.at_least)
-        if len(points) >= 1.5 * self._lengths[0] and self._lengths[0] < FITTED:
-            self._lengths = len(points), Process.lengths(points[-FITTED:], values[-FITTED:], self._lengths[1])
-        return Process(self.domain, points, values, self._lengths[1])
+        features, values = self.domain.features(self._points[defined]), margins(self._scores[defined], self.at_least)
+        before = self._process
+        if len(features) >= 1.5 * self._fitted and self._fitted < FITTED:
+            self._fitted = len(features)
+            start = None if before is None else before.kernel
+            kernel = Kernel.likeliest(features[-FITTED:], values[-FITTED:], start)
+            self._process = Process(kernel, features, values)
+        else:
+            assert before is not None, "the first scores fit a kernel"
+            self._process = Process(before.kernel, features, values, before)
 
 
 class _Verdicts:
@@ -240,23 +258,27 @@ class _Verdicts:
         explored: NDArray[np.bool_],
         at_least: float,
     ) -> None:
-        from sklearn.ensemble import RandomForestClassifier
+        from scipy.spatial import cKDTree
+        from sklearn.ensemble import RandomForestRegressor
         from sklearn.linear_model import LogisticRegression
 
         self._domain, self._process = domain, process
-        lacking = np.isnan(scores)
+        features, lacking = domain.features(points), np.isnan(scores)
         numbers = np.where(lacking, 2, scores < at_least).astype(np.int64)
         self.truth = _CLASSES[numbers]
-        self._forest = RandomForestClassifier(
-            _TREES, min_samples_leaf=2, max_features=None, oob_score=True, random_state=0
-        ).fit(domain.features(points), numbers)
-        votes = self._votes(self._forest.oob_decision_function_)
-        confidence = np.zeros(len(points))
-        confidence[~lacking] = process.held_out()
-        inputs = _inputs(confidence, votes)
+        # A forest of indicators splits as one of classes, and votes on all of them even if some do not occur.
+        self._forest = RandomForestRegressor(_TREES, min_samples_leaf=2, oob_score=True, random_state=0).fit(
+            features, np.eye(len(_CLASSES))[numbers]
+        )
+        self._near = cKDTree(features[~lacking] / process.kernel.lengths)
+        self._near_fails = numbers[~lacking] == 1
+        votes = self._forest.oob_prediction_
+        confidence, own = np.zeros(len(points)), np.full(len(points), -1)
+        confidence[~lacking], own[~lacking] = process.held_out(), np.arange(self._near.n)
+        inputs = self._inputs(confidence, votes, features, own)
         # One made-up failure and pass, at even odds, keep the regression defined.
         self._weights = LogisticRegression().fit(
-            np.concatenate([inputs[~lacking], np.zeros((2, 2))]), np.append(numbers[~lacking], [0, 1])
+            np.concatenate([inputs[~lacking], np.zeros((2, inputs.shape[1]))]), np.append(numbers[~lacking], [0, 1])
         )
         likely = self._probabilities(inputs, votes)
         self._least = least_probability(likely[explored], numbers[explored])
@@ -264,15 +286,29 @@ class _Verdicts:
 
     def calls(self, points: UnitPoints) -> NDArray[np.str_]:
         """Return the verdicts on points, (n,) of `Call`."""
-        mean, deviation = self._process.predict(points)
-        votes = self._votes(self._forest.predict_proba(self._domain.features(points)))
-        confidence = mean / np.hypot(deviation, np.sqrt(self._process.noise))
-        return self._called(self._probabilities(_inputs(confidence, votes), votes))
+        features = self._domain.features(points)
+        mean, deviation = self._process.predict(self._process.seen(features))
+        votes = self._forest.predict(features)
+        confidence = mean / np.hypot(deviation, np.sqrt(self._process.kernel.noise))
+        return self._called(self._probabilities(self._inputs(confidence, votes, features, np.array([-1])), votes))
 
-    def _votes(self, shares: Floats) -> Floats:
-        votes = np.zeros((len(shares), len(_CLASSES)))
-        votes[:, self._forest.classes_] = shares
-        return votes
+    def _inputs(self, confidence: Floats, votes: Floats, features: Floats, own: NDArray[np.int64]) -> Floats:
+        """Return the inputs of the regression, (n, 3): μ / σ, and the log odds of the votes and of the nearest points.
+
+        Args:
+            confidence: (n,) μ / σ.
+            votes: (n, 3) of the forest.
+            features: (n, k).
+            own: (n,) or (1,) number of each point among the defined ones, which does not count; -1 if it has none.
+        """
+        nearest = self._near.query(features / self._process.kernel.lengths, _NEAREST + 1)[1]
+        others = np.argsort(nearest == own[:, None], axis=1, kind="stable")[:, :_NEAREST]
+        failing = self._near_fails[np.take_along_axis(nearest, others, axis=1)].sum(axis=1)
+        odds = [
+            np.log((passes + 0.5) / (fails + 0.5))
+            for passes, fails in ((_TREES * votes[:, 0], _TREES * votes[:, 1]), (_NEAREST - failing, failing))
+        ]
+        return np.column_stack([np.clip(confidence, -_SUREST, _SUREST), *odds])
 
     def _probabilities(self, inputs: Floats, votes: Floats) -> Floats:
         undefined = votes[:, 2:]
@@ -281,12 +317,6 @@ class _Verdicts:
     def _called(self, probabilities: Floats) -> NDArray[np.str_]:
         sure = probabilities.max(axis=1) >= self._least
         return np.where(sure, _CLASSES[probabilities.argmax(axis=1)], Call.NOT_KNOWN.value)
-
-
-def _inputs(confidence: Floats, votes: Floats) -> Floats:
-    """Return the inputs of the regression, (n, 2): μ / σ, and the log odds of the votes."""
-    passing, failing = votes[:, 0] + 0.5 / _TREES, votes[:, 1] + 0.5 / _TREES
-    return np.column_stack([np.clip(confidence, -_SUREST, _SUREST), np.log(passing / failing)])
 
 
 def least_probability(probabilities: Floats, numbers: NDArray[np.int64]) -> float:
@@ -301,48 +331,3 @@ def least_probability(probabilities: Floats, numbers: NDArray[np.int64]) -> floa
 
 def _share(of: NDArray[np.bool_]) -> float:
     return float(of.mean()) if len(of) else float("nan")
-
-
-class Process:
-    """A Gaussian process with a given kernel."""
-
-    def __init__(self, domain: Cube, features: Floats, values: Floats, kernel: Any) -> None:
-        from sklearn.gaussian_process import GaussianProcessRegressor
-
-        self._domain = domain
-        self._middle = float(values.mean())
-        self.noise = float(kernel.k2.noise_level)
-        self._process = GaussianProcessRegressor(kernel, optimizer=None).fit(features, values - self._middle)
-
-    @staticmethod
-    def lengths(features: Floats, values: Floats, before: Any) -> Any:
-        """Return the kernel with the largest likelihood, starting from the previous one."""
-        from sklearn.exceptions import ConvergenceWarning
-        from sklearn.gaussian_process import GaussianProcessRegressor
-        from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
-
-        kernel = before or ConstantKernel(4.0, (1e-2, 1e3)) * Matern(
-            np.ones(features.shape[1]), (0.05, 30.0), nu=2.5
-        ) + WhiteKernel(0.05, (1e-4, 10.0))
-        with warnings.catch_warnings():  # length scales of parameters without effect end at their bound
-            warnings.simplefilter("ignore", ConvergenceWarning)
-            return GaussianProcessRegressor(kernel).fit(features, values - values.mean()).kernel_
-
-    def predict(self, points: UnitPoints) -> tuple[Floats, Floats]:
-        """Return mean and standard deviation of the margins, without noise."""
-        mean, deviation = self._process.predict(self._domain.features(points), return_std=True)
-        return np.asarray(mean) + self._middle, np.sqrt(np.maximum(np.asarray(deviation) ** 2 - self.noise, 1e-12))
-
-    def covariance(self, points: UnitPoints) -> Floats:
-        """Return the covariance of the margins, without noise."""
-        _, covariance = self._process.predict(self._domain.features(points), return_cov=True)
-        return np.asarray(covariance) - self.noise * np.eye(len(points))
-
-    def held_out(self) -> Floats:
-        """Return μ / σ, (n,), of each point from all others (Rasmussen and Williams 2006, equations 5.12)."""
-        from scipy.linalg import cho_solve
-
-        process = self._process
-        inverse = np.diag(cho_solve((process.L_, True), np.eye(len(process.alpha_))))
-        mean = process.y_train_ + self._middle - process.alpha_ / inverse
-        return np.asarray(mean * np.sqrt(inverse))

@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 from scipy.special import expit
 from scipy.stats import binomtest
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import Matern, WhiteKernel
 
 from benchmarks import planted_streets
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.map import CONFIDENCE, WRONG, Call, Map, Process, least_probability
+from valerie.guided.map import CONFIDENCE, WRONG, Call, Map, least_probability
 from valerie.guided.strategy import Strategy, pursue
-from valerie.guided.surrogate import margins
 from valerie.testing.strategies import StrategyContract
 
 Points = np.ndarray
@@ -68,18 +65,6 @@ def test_noisy_scores_with_jumps_are_known_where_calls_are_right() -> None:
     assert result.failing_unknown == pytest.approx(fails[~known].mean(), abs=4 * 0.5 / np.sqrt(256 * 0.2))
 
 
-def test_a_held_out_prediction_is_that_of_a_process_without_the_point() -> None:
-    points = np.random.default_rng(9).random((40, 3))
-    margin = margins(bent(points), 0.5)
-    kernel = Matern([0.5, 1, 1], nu=2.5) + WhiteKernel(0.1)
-    predicted = Process(Cube(3), points, margin, kernel).held_out()
-    for row in (0, 17, 39):
-        others = np.arange(len(points)) != row
-        model = GaussianProcessRegressor(kernel, optimizer=None).fit(points[others], margin[others] - margin.mean())
-        mean, deviation = model.predict(points[row : row + 1], return_std=True)
-        assert predicted[row] == pytest.approx((mean[0] + margin.mean()) / deviation[0], rel=1e-6)
-
-
 @pytest.mark.parametrize(("right", "wrong", "known"), [(44, 0, False), (45, 0, True), (75, 1, False), (76, 1, True)])
 def test_a_verdict_needs_a_bound_below_the_allowed_share(right: int, wrong: int, known: bool) -> None:
     bound = binomtest(wrong, right + wrong, alternative="less").proportion_ci(CONFIDENCE).high
@@ -93,6 +78,16 @@ def test_undefined_scores_are_a_region_of_their_own() -> None:
     assert strategy.result is not None
     assert strategy.result.undefined == pytest.approx(0.3, abs=0.06)
     assert strategy.result.wrong <= WRONG
+
+
+def test_where_hardly_any_variant_is_legal_batches_are_whole_and_legal() -> None:
+    cube = Cube(3, lambda point: bool(point[0] < 0.01))
+    strategy = Map(cube, at_least=0.5, seed=0)
+    for _ in range(3):
+        points = strategy.ask(64).points
+        assert len(np.unique(points, axis=0)) == 64
+        assert cube.legal(points).all()
+        strategy.tell(points, bent(points))
 
 
 def test_only_legal_points_are_asked_for_and_a_bound_out_of_range_is_refused() -> None:
