@@ -118,8 +118,9 @@ class Process:
         self._whitened = self._solved(values - self._middle)
 
     def seen(self, features: Floats) -> Floats:
-        """Return what the values tell about others, (n, m) for (m, k): `predict` takes it, and seenᵀ seen is by how much
-        it lowers the kernel's covariance.
+        """Return what the values tell about others, (n, m) for (m, k) features, as `predict` takes it.
+
+        Their covariance is lowered by the products of its columns.
         """
         return self._solved(self.kernel(self._features, features))
 

@@ -80,6 +80,21 @@ def test_undefined_scores_are_a_region_of_their_own() -> None:
     assert strategy.result.wrong <= WRONG
 
 
+def test_legality_is_tried_on_few_more_points_than_are_asked_for() -> None:
+    tried: list[Points] = []
+
+    def legal(point: Points) -> bool:
+        tried.append(point)
+        return bool(point[0] < 0.5)
+
+    strategy = Map(Cube(3, legal), at_least=0.5, seed=0)
+    for _ in range(3):
+        tried.clear()
+        points = strategy.ask(64).points
+        strategy.tell(points, bent(points))
+    assert 64 <= len(tried) <= 4 * 64
+
+
 def test_where_hardly_any_variant_is_legal_batches_are_whole_and_legal() -> None:
     cube = Cube(3, lambda point: bool(point[0] < 0.01))
     strategy = Map(cube, at_least=0.5, seed=0)

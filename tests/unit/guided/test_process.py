@@ -46,10 +46,11 @@ def test_an_extended_process_is_one_of_all_points() -> None:
     assert extended.held_out() == pytest.approx(whole.held_out(), rel=1e-9)
 
 
-@pytest.mark.parametrize("start", [None, Kernel(20.0, 1.0, np.array([0.3, 0.3, 0.3]))])
+@pytest.mark.parametrize("start", [None, Kernel(20.0, 1.0, np.array([0.3, 0.3]))])
 def test_the_likeliest_kernel_is_as_likely_as_that_of_scikit_learn(start: Kernel | None) -> None:
-    found = Kernel.likeliest(POINTS[:, :2], VALUES, start and Kernel(start.variance, start.noise, start.lengths[:2]))
+    points = POINTS[:, :2]
+    found = Kernel.likeliest(points, VALUES, start)
     kernel = ConstantKernel(4.0, (1e-2, 1e3)) * Matern([1.0, 1.0], (0.05, 30), nu=2.5) + WhiteKernel(0.05, (1e-4, 10))
-    best = GaussianProcessRegressor(kernel).fit(POINTS[:, :2], VALUES - VALUES.mean())
+    best = GaussianProcessRegressor(kernel).fit(points, VALUES - VALUES.mean())
     ours = np.log([found.variance, *found.lengths, found.noise])
     assert best.log_marginal_likelihood(ours) == pytest.approx(best.log_marginal_likelihood_value_, abs=0.02)
