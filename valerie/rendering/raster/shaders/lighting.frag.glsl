@@ -334,7 +334,7 @@ void main() {
     Water water = water_at(p, face, soaks, roughness, grain);
     float film = water.film * (1.0 - metallic), pool = water.pool * (1.0 - metallic);
     albedo *= mix(1.0, 0.5, film * smoothstep(0.2, 0.6, roughness));
-    roughness = mix(roughness, mix(mix(min(roughness, 0.36), 0.75 * roughness, soaks), 0.05, pool), film);
+    roughness = mix(roughness, mix(mix(min(roughness, 0.22), 0.75 * roughness, soaks), 0.08, pool), film);
     surface.z = mix(surface.z, max(surface.z, 0.55), max(film * (1.0 - soaks), pool));
     normal = normalize(mix(normal, face, max(film * 0.6 * (1.0 - soaks), pool)) + vec3(water.ripples * pool, 0.0));
     film = max(film * (1.0 - soaks), pool);
