@@ -200,7 +200,7 @@ def test_wet_soil_mirrors_nothing_and_is_darker_than_dry_soil(raster: RasterRend
         return np.median(luminance(raster, replace(scene, materials={**scene.materials, **soil}))[FAR], axis=1).mean()
 
     dry, soil, sealed = ground(0.0, 1.0), ground(12.0, 1.0), ground(12.0, 0.0)
-    # Pores full of water halve the diffuse light; the rest is the sheen of the dry ground. A sealed road far away mirrors the sky.
+    # Water in the pores halves the diffuse light; the sheen stays. A sealed road far away mirrors the sky.
     assert soil < 0.8 * dry
     assert soil < 0.85 * sealed
 
