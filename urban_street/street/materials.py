@@ -229,7 +229,7 @@ def make_materials(seed: int) -> dict[str, Material]:
         Material("poster", (1.0, 1.0, 1.0), "posters", roughness=0.4),
         Material("stop-green", (0.01, 0.17, 0.06), roughness=0.5),
         Material("stop-yellow", (0.75, 0.52, 0.02), roughness=0.5),
-        Material("hedge", (1.0, 1.0, 1.0), "hedge", roughness=0.9),
+        Material("hedge", (1.0, 1.0, 1.0), "hedge", roughness=0.9, soaks=1.0),
         Material("steel", (0.26, 0.27, 0.28), metallic=0.6, roughness=0.55),
         Material("iron", (0.022, 0.025, 0.024), metallic=0.3, roughness=0.5),
         Material("zinc", (0.30, 0.31, 0.32), metallic=0.4, roughness=0.6),
@@ -280,11 +280,13 @@ def _ground() -> list[Material]:
         Material("paving", white, "paving", "paving-normal", "paving-roughness", roughness=1.0, traffic=0.5),
         Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
         Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
-        Material("turf", white, "turf", roughness=0.95),
-        *(Material(name, white, *_maps(name), roughness=1.0) for name in ("asphalt-lane", "asphalt-open", "slabs")),
+        Material("turf", white, "turf", roughness=0.95, soaks=1.0),
+        Material("asphalt-lane", white, *_maps("asphalt-lane"), roughness=1.0, traffic=1.0),
+        *(Material(name, white, *_maps(name), roughness=1.0) for name in ("asphalt-open", "slabs")),
         Material("road-marking", white, "road-marking", roughness=0.72),
-        *(Material(name, white, name, roughness=0.95) for name in ("verge", "crops", "stubble", "gravel", "hatching")),
-        Material("grass", white, "verge", roughness=0.8, double_sided=True),
+        *(Material(name, white, name, roughness=0.95, soaks=1.0) for name in ("verge", "crops", "stubble", "gravel")),
+        Material("hatching", white, "hatching", roughness=0.95),
+        Material("grass", white, "verge", roughness=0.8, double_sided=True, soaks=1.0),
     ]
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valerie.rendering.lamps import glowing, lit_lamps
+from valerie.rendering.lamps import glowing, keeping_hue, lit_lamps
 from valerie.rendering.sky import EXPOSURE, LUX, sky_of
 from valerie.scene.graph.model import SWITCHES, Environment, Light, Material, Node, Scene, Sun
 from valerie.scene.graph.transforms import Pose
@@ -105,6 +105,33 @@ def test_only_the_materials_that_a_lamp_names_glow_and_only_while_it_is_on() -> 
     assert glowing(day, sky_of(day)) is day
     again = glowing(replace(night), sky_of(night))
     assert again.materials["lens"] is scene.materials["lens"]
+
+
+RED, AMBER, WHITE = (0.9, 0.03, 0.015), (0.95, 0.42, 0.015), (14.0, 13.0, 11.5)
+
+
+@pytest.mark.parametrize("color", [RED, AMBER])
+def test_a_coloured_signal_keeps_its_hue_in_a_street_that_is_exposed_for_its_lamps(
+    color: tuple[float, float, float],
+) -> None:
+    dark = scene_with(Light(), -12.0)
+    night = replace(dark, materials={**dark.materials, "signal": Material("signal", emissive=color)})
+    shown = np.array(keeping_hue(night, sky_of(night)).materials["signal"].emissive)
+    np.testing.assert_allclose(shown / shown.max(), np.array(color) / max(color))
+    # Where a white surface in the 20 lx of street lamps has the display's white, at most one channel clips.
+    display = shown / (20.0 * LUX)
+    assert 1.0 <= display.max() <= 2.0
+    assert np.sort(display)[1] < 1.0
+
+
+def test_white_lamps_and_signals_by_day_keep_their_radiance() -> None:
+    for elevation, colors in ((-12.0, (WHITE,)), (40.0, (WHITE, RED, AMBER))):
+        plain = scene_with(Light(), elevation)
+        materials = {str(k): Material(str(k), emissive=color) for k, color in enumerate(colors)}
+        scene = replace(plain, materials=materials)
+        shown = keeping_hue(scene, sky_of(scene))
+        for name, material in materials.items():
+            assert shown.materials[name].emissive == pytest.approx(material.emissive)
 
 
 def test_a_lamp_on_a_movable_is_marked_as_movable() -> None:

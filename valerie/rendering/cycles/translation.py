@@ -21,7 +21,7 @@ from valerie.rendering.base import Rectangle, View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderProcess
 from valerie.rendering.cycles.messages import AirMessage, BeamMessage, CameraMessage, LampMessage, SkyMessage
-from valerie.rendering.lamps import Lamp, glowing, lit_lamps
+from valerie.rendering.lamps import Lamp, glowing, keeping_hue, lit_lamps
 from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
 from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
@@ -140,6 +140,7 @@ def _ask(
     dusk = math.degrees(scene.sun.elevation) < DUSK
     own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
     lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
+    scene = keeping_hue(scene, sky)
     sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0, snowy=sky.snow_depth > 0.0)
     meshes = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
     sender.forget_unused()

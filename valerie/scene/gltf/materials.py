@@ -40,6 +40,7 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
         "emissive": list(material.emissive),
         **({"transmission": material.transmission} if material.transmission else {}),
         **({"traffic": material.traffic} if material.traffic else {}),
+        **({"soaks": material.soaks} if material.soaks else {}),
     }
     color = None if material.base_color_texture is None else texture_index(material.base_color_texture)
     normal = None if material.normal_texture is None else texture_index(material.normal_texture)
@@ -125,6 +126,7 @@ def read_material(
             [_one(extras.get("transmission"), _one(panes.get("transmissionFactor"), 0.0))], f"{name}.transmission", 1.0
         )[0],
         traffic=_in_range([_one(extras.get("traffic"), 0.0)], f"{name}.traffic", 1.0)[0],
+        soaks=_in_range([_one(extras.get("soaks"), 0.0)], f"{name}.soaks", 1.0)[0],
     )
 
 

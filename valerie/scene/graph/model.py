@@ -68,6 +68,7 @@ class Material:
         transmission: share of light that passes straight through a thin pane such as glass, in [0, 1]. Labels and depth are the
             pane's. Engines without transmission draw it opaque.
         traffic: share of the lying snow and leaves that wheels or feet remove where they have polished the surface, in [0, 1].
+        soaks: share of the rain that sinks in, in [0, 1]: 0 for sealed ground, which mirrors, 1 for soil and grass.
         translucency: share t of the light on one side of a thin sheet that its other side shows, in the sheet's colour; the lit
             side shows 1 − t / 2. None for that of paper and cloth if the sheet is double-sided, else 0.
     """
@@ -86,6 +87,7 @@ class Material:
     double_sided: bool = False
     transmission: float = 0.0
     traffic: float = 0.0
+    soaks: float = 0.0
     translucency: float | None = None
 
     @property

@@ -167,9 +167,9 @@ def test_water_on_a_black_road_mirrors_the_sky_by_fresnels_law(raster: RasterRen
     fresnel = 0.04 + 0.96 * (1 - np.sin(below)) ** 5  # Schlick's approximation
     expected = sky_of(scene).radiance(up) @ LUMINANCE * fresnel
     mirrored = np.median(luminance(raster, scene)[rows, 50:70], axis=1)
-    # At these angles, the engine's fit for rough surfaces is within 13 % of Schlick's approximation for smooth ones. An overcast
-    # sky changes by 2 cos(h) / (1 + 2 sin(h)) < 1 per radian from 25° up, and an entry of its table reaches 1.8° to each side.
-    np.testing.assert_allclose(mirrored, expected, rtol=0.13 + np.deg2rad(1.8))
+    # At these angles, the engine's fit is within 19 % of Schlick's approximation, from a film to a smooth puddle. An overcast sky
+    # changes by 2 cos(h) / (1 + 2 sin(h)) < 1 per radian from 25° up, and an entry of its table reaches 1.8° to each side.
+    np.testing.assert_allclose(mirrored, expected, rtol=0.19 + np.deg2rad(1.8))
 
 
 @pytest.mark.parametrize("movable", [False, True])
@@ -191,6 +191,18 @@ def test_a_wet_road_reflects_statics_where_a_mirror_would(raster: RasterRenderer
     assert mirrored(3.0) == pytest.approx(1.0, abs=0.05)
     # Movables have no reflection.
     assert (mirrored(0.0) > 2.0) is not movable
+
+
+def test_wet_soil_mirrors_nothing_and_is_darker_than_dry_soil(raster: RasterRenderer) -> None:
+    def ground(rain: float, soaks: float) -> np.ndarray:
+        scene = road(0.12, rain)
+        soil = {"road": replace(scene.materials["road"], soaks=soaks)}
+        return np.median(luminance(raster, replace(scene, materials={**scene.materials, **soil}))[FAR], axis=1).mean()
+
+    dry, soil, sealed = ground(0.0, 1.0), ground(12.0, 1.0), ground(12.0, 0.0)
+    # Water in the pores halves the diffuse light; the sheen stays. A sealed road far away mirrors the sky.
+    assert soil < 0.8 * dry
+    assert soil < 0.85 * sealed
 
 
 def test_a_hardly_wet_road_looks_like_a_dry_one(raster: RasterRenderer) -> None:
@@ -258,7 +270,7 @@ def test_deep_snow_has_the_albedo_of_snow(raster: RasterRenderer) -> None:
 def test_traffic_keeps_polished_tracks_bare(raster: RasterRenderer) -> None:
     fresh, driven, polished = (
         covered(raster, black_road(roughness=roughness, traffic=traffic), snow_depth=0.04).mean()
-        for roughness, traffic in ((0.9, 0.0), (0.9, 1.0), (0.75, 1.0))
+        for roughness, traffic in ((0.9, 0.0), (0.9, 1.0), (0.775, 1.0))
     )
     assert fresh > driven > 4 * polished
 

@@ -103,8 +103,9 @@ class Materials:
                 nodes.feed_alike(cover.inputs[name], principled.inputs[name])
                 if name in cover.outputs:
                     nodes.link(cover.outputs[name], principled.inputs[name])
-            if "Traffic" in cover.inputs:
-                cover.inputs["Traffic"].default_value = header["traffic"]
+            for name in ("Traffic", "Soaks"):
+                if name in cover.inputs:
+                    cover.inputs[name].default_value = header[name.lower()]
             if header["normal_texture"] is not None:
                 nodes.link(cover.outputs["Relief"], bumps.inputs["Strength"])
         surface = principled.outputs["BSDF"]
@@ -154,11 +155,11 @@ def _water_group(data: Any) -> Any:
     """Return the node group of water on surfaces that face up, as in the raster engine.
 
     Pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278). The film is smooth, fills the relief
-    and reflects like water. It lies in puddles and patches a metre or two wide.
+    and reflects like water, except on soil and grass, into which it sinks. It lies in patches a metre or two wide.
     """
     sockets = {"Base Color": "Color", "Roughness": "Float", "Specular IOR Level": "Float"}
     group, nodes, source, result = new_group(
-        data, "water", {**sockets, "Metallic": "Float"}, {**sockets, "Relief": "Float"}
+        data, "water", {**sockets, "Metallic": "Float", "Soaks": "Float"}, {**sockets, "Relief": "Float"}
     )
     geometry = nodes.add("ShaderNodeNewGeometry").outputs
     up, at = nodes.add("ShaderNodeSeparateXYZ"), nodes.add("ShaderNodeSeparateXYZ")
@@ -174,6 +175,7 @@ def _water_group(data: Any) -> Any:
     wetness = nodes.add("ShaderNodeValue", "wetness").outputs[0]
     film = nodes.math("MULTIPLY", nodes.math("MULTIPLY", wetness, nodes.smoothstep(0.7, 0.95, up.outputs["Z"])), dry)
     pores = nodes.math("MULTIPLY", film, nodes.smoothstep(0.2, 0.6, source["Roughness"]))
+    film = nodes.math("MULTIPLY", film, nodes.math("SUBTRACT", 1.0, source["Soaks"]))
     patch = nodes.math("MULTIPLY_ADD", nodes.math("MULTIPLY", wave(x, 1.9, y, 1.3), wave(y, 0.9, x, 0.7)), 0.5, 0.5)
     nodes.link(nodes.scaled(source["Base Color"], nodes.between(1.0, 0.5, pores)), result["Base Color"])
     smooth = nodes.between(source["Roughness"], nodes.between(0.32, 0.07, patch), film)

@@ -37,10 +37,11 @@ def snow_group(data: Any) -> Any:
             first = nodes.math("MULTIPLY", first, other)
         return first
 
-    polished = without(nodes.smoothstep(0.79, 0.87, source["Roughness"]))
+    rough = source["Roughness"]
+    polished = product(nodes.smoothstep(0.745, 0.77, rough), without(nodes.smoothstep(0.785, 0.81, rough)))
     worn = product(traffic, polished, without(nodes.smoothstep(0.16, 0.26, channels.outputs["Green"])))
     kept = product(without(product(traffic, 0.5)), without(product(worn, 0.94)))
-    lying = product(depth, nodes.smoothstep(0.3, 0.75, up.outputs["Z"]), kept)
+    lying = product(depth, nodes.smoothstep(0.5, 0.85, up.outputs["Z"]), kept)
     cover = nodes.math("TANH", nodes.math("DIVIDE", lying, 0.025))
     snow = _patched(nodes, geometry["Position"], cover)
     damp = product(worn, without(snow), nodes.smoothstep(0.0, 0.02, depth))

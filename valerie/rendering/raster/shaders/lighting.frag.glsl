@@ -43,7 +43,6 @@ uniform vec3 extinction;            // per metre
 uniform float sun_angle;            // angular radius of the disc, radians
 uniform float shadow_distance;      // metres along the optical axis; shadows fade out before it
 #ifdef RAIN
-uniform float wetness;              // of surfaces that face up, 0 dry … 1 wet
 uniform float drops;                // share of the image that rain streaks cross
 uniform int pixel_height;           // height of the image, pixels
 #endif
@@ -59,6 +58,7 @@ const float BRIGHTEST = 24.0;
 const float BRIGHTEST_SKY = 65504.0;
 #ifdef SNOW
 const vec3 SNOW_ALBEDO = vec3(0.80, 0.82, 0.85);    // as in sky.py
+const vec3 SNOW_DEPTHS = vec3(0.93, 0.99, 1.12);    // hue of light from all sides in snow, relative luminance 1
 #endif
 
 vec3 sky(vec3 d) {
@@ -94,20 +94,6 @@ float open_toward(uint k, uvec4 first, uvec4 second) {
     uint four = (k & 4u) == 0u ? quarter.x : quarter.y;
     return float((four >> (8u * (k & 3u))) & 255u) / 255.0;
 }
-
-#ifdef SNOW
-// Share of the sky around the zenith that nothing hides.
-float open_above(ivec2 cell) {
-    ivec2 zenith = textureSize(direction_shares, 0) / 2;
-    uvec4 nearest = texelFetch(nearest_directions, zenith, 0);
-    vec4 shares = texelFetch(direction_shares, zenith, 0);
-    uvec4 first = texelFetch(openness_first, cell, 0), second = texelFetch(openness_second, cell, 0);
-    vec4 open = vec4(
-        open_toward(nearest.x, first, second), open_toward(nearest.y, first, second),
-        open_toward(nearest.z, first, second), open_toward(nearest.w, first, second));
-    return dot(shares, open) / dot(shares, vec4(1.0));
-}
-#endif
 
 // Radiance from direction r: that of the sky, ``above``, of surfaces that hide it, or of the ground. Undefined if not wanted.
 vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
@@ -212,6 +198,9 @@ float random_of(vec3 p) {
 }
 #endif
 
+#if defined(RAIN) || defined(SNOW) || defined(LEAVES)
+#include "relief.glsl"
+#endif
 #if defined(SNOW) || defined(LEAVES)
 #include "lying.glsl"
 #endif
@@ -220,6 +209,7 @@ float random_of(vec3 p) {
 #endif
 #ifdef RAIN
 #include "mirror.glsl"
+#include "water.glsl"
 
 // Coverage of a sample by rain streaks: layers of cells, each with at most one drop, stretched by its fall during the exposure.
 // The pattern is fixed in the image, so that background and layer of a frame agree. rain.py has the same pattern for other
@@ -312,16 +302,22 @@ void main() {
 
     ivec2 pixel = nearest_cell(s, depth, SKYLIGHT_CELL);
 
+#if defined(RAIN) || defined(SNOW) || defined(LEAVES)
+    float grain = grain_of(depth, abs(dot(face, d)));
+#endif
 #if defined(SNOW) || defined(LEAVES)
     // Nothing lies on movables, which are in front of the statics.
     bool is_static = texelFetch(mirror_depth, s, 0).r - texelFetch(depth_map, s, 0).r < 3e-7 && !sample_is_sky;
-    float grain = grain_of(depth, abs(dot(face, d))), traffic = texelFetch(material_table, ivec2(4, row), 0).a;
-    float worn = swept(traffic, roughness, albedo);
+    float traffic = texelFetch(material_table, ivec2(4, row), 0).a;
+#endif
+#ifdef SNOW
+    Snow snow = snow_at(p, face, open_above(pixel), traffic, roughness, albedo, grain);
+    snow.cover = is_static ? snow.cover : 0.0;
 #endif
 #ifdef LEAVES
     float strewn = is_static && translucency == 0.0 ? leaf_litter * smoothstep(0.8, 0.95, face.z) : 0.0;
     // Wind and feet gather leaves in patches.
-    strewn *= (1.0 - 0.5 * traffic) * (1.0 - 0.8 * worn);
+    strewn *= (1.0 - 0.5 * traffic) * (1.0 - 0.8 * swept(traffic, roughness, albedo));
     if (strewn > 0.0) {
         vec4 litter = leaves_at(p, clamp(strewn * 2.0 * relief(p.xy / 2.3, 30.0).x, 0.0, 1.0), grain);
         albedo = mix(albedo, litter.rgb, litter.a);
@@ -332,34 +328,32 @@ void main() {
 #endif
 
 #ifdef RAIN
-    // Water on surfaces that face up: pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278), and
-    // the film is smooth, with the reflectance of water at normal incidence.
-    float film = wetness * smoothstep(0.7, 0.95, face.z) * (1.0 - metallic);
-    if (film > 0.0) {
-        albedo *= mix(1.0, 0.5, film * smoothstep(0.2, 0.6, roughness));
-        // Water lies in puddles and patches a metre or two wide.
-        float patch_of = 0.5 + 0.5 * sin(p.x * 1.9 + sin(p.y * 1.3) * 2.0) * sin(p.y * 0.9 + sin(p.x * 0.7) * 2.0);
-        roughness = mix(roughness, mix(0.32, 0.07, patch_of), film);
-        surface.z = mix(surface.z, max(surface.z, 0.55), film);
-        normal = normalize(mix(normal, face, 0.85 * film));
-    }
+    // Pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278). Standing water is smooth and level,
+    // with the reflectance of water at normal incidence. A film keeps most of the relief. What water sinks into does not mirror.
+    float soaks = texelFetch(material_table, ivec2(5, row), 0).r;
+    Water water = water_at(p, face, soaks, roughness, grain);
+    float film = water.film * (1.0 - metallic), pool = water.pool * (1.0 - metallic);
+    albedo *= mix(1.0, 0.5, film * smoothstep(0.2, 0.6, roughness));
+    roughness = mix(roughness, mix(mix(min(roughness, 0.22), 0.75 * roughness, soaks), 0.08, pool), film);
+    surface.z = mix(surface.z, max(surface.z, 0.55), max(film * (1.0 - soaks), pool));
+    normal = normalize(mix(normal, face, max(film * 0.6 * (1.0 - soaks), pool)) + vec3(water.ripples * pool, 0.0));
+    film = max(film * (1.0 - soaks), pool);
 #endif
 #ifdef SNOW
-    vec2 snow = is_static ? snow_at(p, face, open_above(pixel), traffic, worn, grain) : vec2(0.0);
     if (is_static) {
-        // Melt water wets the bare tracks.
-        float damp = worn * (1.0 - snow.x) * smoothstep(0.0, 0.02, snow_depth);
-        albedo *= mix(1.0, 0.55, damp);
+        // Melt water wets the bare tracks. Snow stands higher than the bare ground at its edge, and shades it.
+        float damp = traffic * (1.0 - snow.cover) * snow.dirt * smoothstep(0.0, 0.02, snow_depth);
+        albedo *= mix(1.0, 0.55, damp) * (1.0 - 0.35 * snow.shore);
         roughness = mix(roughness, 0.4, 0.7 * damp);
-        albedo = mix(albedo, mix(SNOW_ALBEDO, vec3(0.36, 0.34, 0.32), snow.y), snow.x);
-        roughness = mix(roughness, 0.8, snow.x);
-        metallic *= 1.0 - snow.x;
-        surface.z = mix(surface.z, 0.5, snow.x);
-        surface.w *= 1.0 - snow.x;
-        translucency *= 1.0 - snow.x;
-        normal = normalize(mix(normal, snow_normal(p, face, grain), snow.x));
+        albedo = mix(albedo, mix(SNOW_ALBEDO, vec3(0.36, 0.34, 0.32), snow.dirt), snow.cover);
+        roughness = mix(roughness, 0.8, snow.cover);
+        metallic *= 1.0 - snow.cover;
+        surface.z = mix(surface.z, 0.5, snow.cover);
+        surface.w *= 1.0 - snow.cover;
+        translucency *= 1.0 - snow.cover;
+        normal = normalize(mix(normal, snow.normal, snow.cover));
 #ifdef RAIN
-        film *= 1.0 - snow.x;
+        film *= 1.0 - snow.cover;
 #endif
     }
 #endif
@@ -399,7 +393,12 @@ void main() {
 #endif
     vec3 zonal = texelFetch(skylight_zonal, pixel, 0).rgb;
     vec3 ambient = skylight(red, green, blue, zonal, normal), ambient_behind = skylight(red, green, blue, zonal, -normal);
-    color += diffuse * ambient_open * mix(ambient, ambient_behind, 0.5 * translucency);
+    vec3 skylit = diffuse * ambient_open * mix(ambient, ambient_behind, 0.5 * translucency);
+#ifdef SNOW
+    // Light that went far through snow is blue.
+    skylit *= mix(vec3(1.0), SNOW_DEPTHS, snow.cover * (1.0 - snow.dirt));
+#endif
+    color += skylit;
 
     vec3 r = reflect(d, normal);
     // A rough lobe is nearer to the normal than the mirrored ray (Lagarde and de Rousiers 2014, "Moving Frostbite to physically

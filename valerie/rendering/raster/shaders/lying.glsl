@@ -2,64 +2,71 @@
 uniform float snow_depth;           // metres
 uniform float leaf_litter;          // covered share of level ground
 
-// Height of a smooth random surface in [0, 1] with cells of unit length, and its slopes along x and y.
-vec3 relief(vec2 p, float layer) {
-    vec2 cell = floor(p), t = p - cell;
-    vec2 s = t * t * (3.0 - 2.0 * t), slope = 6.0 * t * (1.0 - t);
-    float a = random_of(vec3(cell, layer)), b = random_of(vec3(cell + vec2(1.0, 0.0), layer));
-    float c = random_of(vec3(cell + vec2(0.0, 1.0), layer)), d = random_of(vec3(cell + 1.0, layer));
-    float twist = a - b - c + d;
-    return vec3(a + (b - a) * s.x + (c - a) * s.y + twist * s.x * s.y, slope * (vec2(b, c) - a + twist * s.yx));
-}
-
-// Metres of ground that a pixel at p covers along the view: details shorter than that are replaced by their mean.
-float grain_of(float depth, float facing) {
-    return 4.0 * depth * length(ray_basis[1]) / float(sample_size.y) / max(facing, 0.05);
-}
-
-float seen(float length_of, float grain) {
-    return 1.0 - smoothstep(0.25 * length_of, length_of, grain);
-}
-
-// Share of what lies on a surface that wheels and feet remove: where they have polished it. Markings are smooth too, but bright.
+#ifdef LEAVES
+// Share of the leaves on a surface that wheels and feet remove: where they have polished it. Markings are smooth too, but bright.
 float swept(float traffic, float roughness, vec3 albedo) {
     return traffic * (1.0 - smoothstep(0.79, 0.87, roughness)) * (1.0 - smoothstep(0.16, 0.26, albedo.g));
 }
+#endif
 
-// Share of the surface at p that ``cover`` of lying material hides. Patches have random borders; over large areas their mean is
-// ``cover``, since the noise is turned into evenly distributed ranks.
-float patched(vec2 p, float cover, float grain) {
+#ifdef SNOW
+// Share of the sky around the zenith that nothing hides.
+float open_above(ivec2 cell) {
+    ivec2 zenith = textureSize(direction_shares, 0) / 2;
+    uvec4 nearest = texelFetch(nearest_directions, zenith, 0);
+    vec4 shares = texelFetch(direction_shares, zenith, 0);
+    uvec4 first = texelFetch(openness_first, cell, 0), second = texelFetch(openness_second, cell, 0);
+    vec4 open = vec4(
+        open_toward(nearest.x, first, second), open_toward(nearest.y, first, second),
+        open_toward(nearest.z, first, second), open_toward(nearest.w, first, second));
+    return dot(shares, open) / dot(shares, vec4(1.0));
+}
+
+struct Snow {
+    float cover;                    // share of the surface that it hides
+    float dirt;                     // share of slush
+    float shore;                    // share of a bare place that the edge of snow beside it darkens
+    vec3 normal;
+};
+
+// Snow on a face. Its patches have random borders; over large areas their mean is tanh(depth / 25 mm), see weather.py, since the
+// noise is turned into evenly distributed ranks. The same noise bends the surface, so that borders and dunes have a height.
+Snow snow_at(vec3 p, vec3 face, float open, float traffic, float roughness, vec3 albedo, float grain) {
     const vec4 LENGTHS = vec4(1.6, 0.4, 0.1, 0.03), WEIGHTS = vec4(0.36, 0.27, 0.2, 0.17);
     float height = 0.0, spread = 0.0, visible = 0.0;
+    vec2 dunes = vec2(0.0), border = vec2(0.0);
     for (int i = 0; i < 4; ++i) {
         float weight = WEIGHTS[i] * seen(LENGTHS[i], grain);
-        height += weight * (relief(p / LENGTHS[i], float(i)).x - 0.5);
+        vec3 layer = relief(p.xy / LENGTHS[i], float(i));
+        height += weight * (layer.x - 0.5);
+        border += weight / LENGTHS[i] * layer.yz;
+        dunes += weight * layer.yz;
         spread += weight * weight;
         visible += weight;
     }
-    // The standard deviation of a layer is 0.21. The logistic curve is that of a normal distribution within 0.01.
-    float rank = 1.0 / (1.0 + exp(-1.702 * height / (0.21 * sqrt(max(spread, 1e-6)))));
-    // Within [0, 1], a border of any softness keeps the mean.
-    float soft = max(min(0.2, min(cover, 1.0 - cover)), 1e-4);
-    float sharp = smoothstep(-soft, soft, cover - rank);
-    return mix(cover, sharp, min(visible, 1.0));
-}
-
-#ifdef SNOW
-// Cover of snow at a place, x, and how dirty it is, y.
-vec2 snow_at(vec3 p, vec3 face, float open, float traffic, float worn, float grain) {
+    // Tyres polish asphalt, but less than oil and bitumen are smooth. Markings are bright. Tracks have ragged edges.
+    float polish = roughness - 0.04 * height, driven = traffic * smoothstep(0.745, 0.77, roughness);
+    float worn = driven * (1.0 - smoothstep(0.785, 0.81, polish)) * (1.0 - smoothstep(0.16, 0.26, albedo.g));
     // Snow slides off steep surfaces and does not fall below others. Traffic compacts it.
-    float depth = snow_depth * smoothstep(0.3, 0.75, face.z) * open * (1.0 - 0.5 * traffic) * (1.0 - 0.94 * worn);
-    // tanh(depth / 25 mm), see weather.py
+    float slope = smoothstep(0.5, 0.85, face.z + 0.5 * height * (1.0 - face.z));
+    float depth = snow_depth * slope * open * (1.0 - 0.5 * traffic) * (1.0 - 0.94 * worn);
     float cover = 1.0 - 2.0 / (exp(2.0 * depth / 0.025) + 1.0);
-    return vec2(patched(p.xy, cover, grain), traffic * (0.2 + 0.8 * worn));
-}
-
-// Normal of snow on a face: dunes some decimetres long, and grains.
-vec3 snow_normal(vec3 p, vec3 face, float grain) {
-    vec2 slope = 0.05 * seen(0.6, grain) * relief(p.xy / 0.6, 5.0).yz + 0.07 * seen(0.12, grain) * relief(p.xy / 0.12, 6.0).yz
-        + 0.10 * seen(0.03, grain) * relief(p.xy / 0.03, 7.0).yz;
-    return normalize(face - vec3(slope, 0.0));
+    // The standard deviation of a layer is 0.21. The logistic curve is that of a normal distribution within 0.01.
+    float steep = 1.702 / (0.21 * sqrt(max(spread, 1e-6)));
+    float rank = 1.0 / (1.0 + exp(-steep * height));
+    // Within [0, 1], a border of any softness keeps the mean.
+    float soft = max(min(0.2, min(cover, 1.0 - cover)), 1e-4), inside = (cover - rank) / soft;
+    float sharp = mix(cover, smoothstep(-1.0, 1.0, inside), min(visible, 1.0));
+    // Towards a border the snow thins out: a slope towards higher ranks, of a layer some centimetres thick.
+    float edge = 1.0 - min(inside * inside, 1.0), thickness = min(0.5 * depth, 0.02);
+    vec2 fall = border * (edge * thickness * steep * rank * (1.0 - rank) / soft);
+    fall *= min(1.0, 1.2 / max(length(fall), 1e-4));
+    vec3 rounded = normalize(mix(face, vec3(0.0, 0.0, 1.0), 0.35 * sharp));
+    vec2 bumps = dunes * (0.35 + 0.35 * traffic);
+    float slush = driven * (1.0 - smoothstep(0.80, 0.90, polish));
+    return Snow(
+        sharp, clamp(max(0.12 * traffic, 0.4 * slush) + worn, 0.0, 1.0),
+        (1.0 - sharp) * smoothstep(-3.0, -1.0, inside) * min(visible, 1.0), normalize(rounded + vec3(fall - bumps, 0.0)));
 }
 #endif
 

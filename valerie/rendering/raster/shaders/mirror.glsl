@@ -64,6 +64,7 @@ vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
     float along = reach * behind / (last.z * (near + rise * behind));
     vec3 clear_air = exp(-extinction * along);
     vec2 tap = normalize(way + vec2(0.0, 1e-6)) * (spread * 0.5 / length(ray_basis[1]));
+    float sharp = 1.0 - smoothstep(0.02, 0.08, spread);
     vec4 sum = vec4(0.0);
     i = -2;
     int taps = wanted ? 2 : -2;
@@ -72,7 +73,8 @@ vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
         float window = texelFetch(mirror_depth, place, 0).r;
         bool is_sky = window == 1.0, is_thing = eye.z + ray_of(place).z * linear_depth(window) > p.z + ABOVE;
         vec3 root = texelFetch(mirror_albedo, place, 0).rgb;
-        vec3 glow = texelFetch(material_table, ivec2(2, int(texelFetch(mirror_material, place, 0).r)), 0).rgb;
+        // A rough film spreads a lamp's light too far to see.
+        vec3 glow = sharp * texelFetch(material_table, ivec2(2, int(texelFetch(mirror_material, place, 0).r)), 0).rgb;
         vec3 color = is_sky ? above : mix(haze, root * root * mirrored_light + glow, clear_air);
         vec4 share = vec4(color, 1.0) * (is_sky || is_thing ? float(3 - abs(i)) / 9.0 : 0.0);
         sum += wanted ? share : vec4(0.0);

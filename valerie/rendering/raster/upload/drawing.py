@@ -139,7 +139,7 @@ class SurfaceDrawer:
 
 
 def table_texture(gl: moderngl.Context, table: Any) -> moderngl.Texture:
-    """Upload the material table, (N, 5, 4) float32, as a texture of N rows."""
+    """Upload a table, (N, K, 4) float32, as a texture of N rows."""
     texture = gl.texture((table.shape[1], table.shape[0]), 4, table.tobytes(), dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

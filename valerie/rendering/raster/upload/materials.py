@@ -12,7 +12,7 @@ from valerie.rendering.raster.upload.textures import TextureSet
 from valerie.scene.graph.model import Material
 
 #: RGBA texels per material.
-TEXELS: Final = 5
+TEXELS: Final = 6
 
 
 class SurfaceKind(NamedTuple):
@@ -63,11 +63,11 @@ def mean_reflectance(
 
 
 def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArray[np.float32]:
-    """Return the material table, (N, 5, 4) float32: five RGBA texels per material.
+    """Return the material table, (N, 6, 4) float32: six RGBA texels per material.
 
     0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
     3: layers of the colour and of the normal texture, sides of their arrays (0: none) · 4: transmission, layer of the roughness
-    texture, side of its array (0: none), traffic.
+    texture, side of its array (0: none), traffic · 5: soaks.
     """
     table = np.zeros((max(len(materials), 1), TEXELS, 4), np.float32)
     for row, material in zip(table, materials, strict=False):
@@ -79,6 +79,7 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
                 slot = textures.slots[name]
                 row[3, column], row[3, column + 2] = slot.layer, slot.side
         row[4, 0], row[4, 3] = material.transmission, material.traffic
+        row[5, 0] = material.soaks
         if material.roughness_texture is not None:
             slot = textures.slots[material.roughness_texture]
             row[4, 1:3] = slot.layer, slot.side

@@ -66,7 +66,7 @@ class Prepared:
     materials: tuple[Material, ...]
 
     def table(self) -> NDArray[np.float32]:
-        """Return the material table, (N, 5, 4) float32."""
+        """Return the material table, (N, 6, 4) float32."""
         # The statics have hundreds of materials and a movable has a dozen, so only the movables' rows are computed.
         count = len(self.statics.materials)
         if len(self.materials) == count:

@@ -221,7 +221,7 @@ def snowed(albedo: Points, upward: Points, traffic: Points, depth: float) -> Poi
     """
     if depth <= 0:
         return albedo
-    slope = np.clip((upward - 0.3) / 0.45, 0.0, 1.0)
+    slope = np.clip((upward - 0.5) / 0.35, 0.0, 1.0)
     lying = depth * slope * slope * (3.0 - 2.0 * slope) * (1.0 - 2.0 / 3.0 * traffic)
     covered = np.tanh(lying / COVERING_M)[:, None]
     result: Points = albedo + covered * (SNOW_ALBEDO - albedo)
