@@ -186,8 +186,8 @@ def _room(rng: np.random.Generator, things: tuple[_Thing, ...], place: _Place) -
     """Return a room by day, as the reflectance of the window's plane, and by its lamp, each (cell, cell, 3)."""
     across, down = _across()
     extent = _vector(place.size)
-    wall, floor = (_vector(colors[rng.integers(len(colors))]) for colors in (place.walls, _FLOORS))
-    lamp_color = _vector(place.lamps[rng.integers(len(place.lamps))])
+    wall, floor = (_vector(colors[int(rng.integers(len(colors)))]) for colors in (place.walls, _FLOORS))
+    lamp_color = _vector(place.lamps[int(rng.integers(len(place.lamps)))])
     mirrored = rng.random() < 0.5
     eye = _vector((0.5, 0.5, -1.0)) * extent
     ray = np.stack([0.5 * across, -0.5 * down, np.ones_like(across)]) * extent

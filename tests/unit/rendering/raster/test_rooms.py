@@ -32,7 +32,7 @@ CAMERAS = {
 
 
 def srgb(linear: float) -> int:
-    return round(255 * (1.055 * linear ** (1 / 2.4) - 0.055))
+    return round(255 * (1.055 * float(linear ** (1 / 2.4)) - 0.055))
 
 
 def texture(*, lit: bool = True, hung: float = 0.0) -> Texture:
@@ -58,7 +58,7 @@ def pane(pictures: Texture, camera: str, elevation: float = 40.0, **environment:
     corners = [(-WIDE / 2, 5, LOW), (WIDE / 2, 5, LOW), (WIDE / 2, 5, HIGH), (-WIDE / 2, 5, HIGH)]
     uvs = (np.array([(0.02, 0.98), (0.98, 0.98), (0.98, 0.02), (0.02, 0.02)]) + CELL) / ROOM_CELLS
     mesh = Mesh(
-        np.array(corners, np.float32), np.tile(np.float32([0, -1, 0]), (4, 1)), uvs.astype(np.float32),
+        np.array(corners, np.float32), np.tile(np.array([0, -1, 0], np.float32), (4, 1)), uvs.astype(np.float32),
         np.array([(0, 1, 2), (0, 2, 3)], np.uint32), "glass",
     )  # fmt: skip
     node = Node("scene.building-1", np.eye(4), (mesh,), label_id=11)
