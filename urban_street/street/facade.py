@@ -212,7 +212,7 @@ def _shop_window(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> 
     corner = np.stack([cell % ATLAS_CELLS, cell // ATLAS_CELLS], -1) / ATLAS_CELLS
     square = np.array([[0.02, 0.98], [0.98, 0.98], [0.98, 0.02], [0.02, 0.02]]) / ATLAS_CELLS
     panes = front_quads(x[:-1], x[1:], np.full(count, z0), np.full(count, z1), np.full(count, y + 0.02))
-    bag.add("window-glass", quads(panes, corner[:, None] + square[None]))
+    bag.add("shop-glass", quads(panes, corner[:, None] + square[None]))
 
 
 def moulding(width: float, z: float, profile: Sequence[tuple[float, float]], *, tile: float = 2.0) -> Surface:

@@ -10,9 +10,9 @@ import numpy as np
 from urban_street.street import species
 from urban_street.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
 from urban_street.street.plan import Season, StreetSettings, lines_of
-from urban_street.street.textures import ground, sprays, surfacing, things, walls
+from urban_street.street.textures import ground, rooms, sprays, surfacing, things, walls
 from valerie.scene.graph.deferred import DeferredTexture, deferred_textures
-from valerie.scene.graph.model import Material, Texture
+from valerie.scene.graph.model import Material, Rooms, Texture
 
 Color = tuple[float, float, float]
 
@@ -61,7 +61,13 @@ def make_textures(settings: StreetSettings) -> dict[str, Texture]:
     textures |= deferred_textures(
         [f"leaves-{k}" for k in range(len(hues))], lambda: [things.leaves(rng, hue) for hue in hues]
     )
-    return textures | _mixed(settings) | _surfacing(settings)
+    return textures | _mixed(settings) | _surfacing(settings) | _rooms(settings)
+
+
+def _rooms(settings: StreetSettings) -> dict[str, Texture]:
+    """Return the rooms behind windows."""
+    first, second = (np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7010]).spawn(2))
+    return _one("flats", partial(rooms.flats, first)) | _one("shops", partial(rooms.shops, second))
 
 
 def _one(name: str, make: Callable[[], ground.Image]) -> dict[str, Texture]:
@@ -319,7 +325,13 @@ def _walls(rng: np.random.Generator) -> list[Material]:
         *(Material(f"door-{k}", _DOORS[pick], "boards", roughness=0.4) for k, pick in enumerate(doors)),
         Material("frame-white", (0.74, 0.74, 0.72), roughness=0.45),
         Material("frame-dark", (0.035, 0.037, 0.04), roughness=0.5),
-        Material("window-glass", white, "interiors", roughness=0.06, specular=1.6),
+        *(
+            Material(f"{name}-glass", white, "interiors", roughness=0.06, specular=1.6, rooms=behind)
+            for name, behind in (
+                ("window", Rooms("flats", rooms.FLAT[0], rooms.FLAT[2], 9.0)),
+                ("shop", Rooms("shops", rooms.SHOP[0], rooms.SHOP[2], 14.0)),
+            )
+        ),
     ]  # fmt: skip
 
 

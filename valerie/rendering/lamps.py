@@ -14,7 +14,7 @@ from valerie.color import LUMINANCE
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.scene_reading import lights
 from valerie.rendering.sky import LUX, Sky
-from valerie.scene.graph.model import SWITCHES, Light, Material, Scene
+from valerie.scene.graph.model import SWITCHES, Material, Scene
 
 Vector = tuple[float, float, float]
 
@@ -82,7 +82,7 @@ def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
     lamps: list[Lamp] = []
     for item in lights(scene):
         world, light = item.world, item.node.light
-        if light is None or light.intensity <= 0 or not is_on(light, scene, sky):
+        if light is None or light.intensity <= 0 or not is_on(light.switch, scene, sky):
             continue
         color = np.array(light.color)
         luminance = float(color @ LUMINANCE)
@@ -102,12 +102,12 @@ def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
     return tuple(lamps)
 
 
-def is_on(light: Light, scene: Scene, sky: Sky) -> bool:
-    """Return True if a light's switch is on. ``auto`` depends on the illuminance of the ground by sun and sky."""
-    if not light.switch:
+def is_on(switch: str, scene: Scene, sky: Sky) -> bool:
+    """Return True if a switch is on, or empty. ``auto`` depends on the illuminance of the ground by sun and sky."""
+    if not switch:
         return True
-    position: str = getattr(scene.environment, f"{light.switch}_lamps")
-    return position == "on" or (position == "auto" and sky.lux < SWITCHES[light.switch])
+    position: str = getattr(scene.environment, f"{switch}_lamps")
+    return position == "on" or (position == "auto" and sky.lux < SWITCHES[switch])
 
 
 def glowing(scene: Scene, sky: Sky) -> Scene:
@@ -119,13 +119,21 @@ def glowing(scene: Scene, sky: Sky) -> Scene:
     replacements: dict[str, Material] = {}
     for node in scene.nodes.values():
         light = node.light
-        if light is None or not light.glowing or light.luminance <= 0 or not is_on(light, scene, sky):
+        if light is None or not light.glowing or light.luminance <= 0 or not is_on(light.switch, scene, sky):
             continue
         for name in light.glowing:
             material = scene.materials.get(name)
             if material is not None:
                 replacements[name] = _lit(material, light.color, light.luminance)
     return replace(scene, materials={**scene.materials, **replacements}) if replacements else scene
+
+
+def with_lit_rooms(scene: Scene, sky: Sky) -> Scene:
+    """Return the scene with the light of rooms behind panes as the emissive light of their materials, as in `glowing`."""
+    if not is_on("street", scene, sky):
+        return scene
+    lit = {m.name: _lit(m, (1.0, 1.0, 1.0), m.rooms.luminance) for m in scene.materials.values() if m.rooms is not None}
+    return replace(scene, materials={**scene.materials, **lit}) if lit else scene
 
 
 @lru_cache(maxsize=256)

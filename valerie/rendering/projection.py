@@ -47,9 +47,13 @@ def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_
 
 
 def drawing_matrices(camera: Camera, view: View) -> dict[str, Matrix]:
-    """Return the uniforms of vertex shaders: ``clip_from_world``, (4, 4), and ``depth_row``, (4,), world to depth in metres."""
+    """Return the uniforms of vertex shaders: ``clip_from_world``, (4, 4), and ``depth_row``, (4,), world to depth in metres.
+
+    ``eye``, (3,) metres, is the optical centre.
+    """
     matrix = view_from_world(camera)
-    return {"clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix, "depth_row": -matrix[2]}
+    clip_from_world = clip_from_view(camera, view.width, view.height) @ matrix
+    return {"clip_from_world": clip_from_world, "depth_row": -matrix[2], "eye": camera.position}
 
 
 def project(points: Points, camera: Camera, width: int, height: int) -> Points:

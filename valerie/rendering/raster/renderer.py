@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, require_image
-from valerie.rendering.lamps import glowing, keeping_hue, lit_lamps
+from valerie.rendering.lamps import glowing, keeping_hue, lit_lamps, with_lit_rooms
 from valerie.rendering.person_light import Received
 from valerie.rendering.projection import LightView, drawing_matrices
 from valerie.rendering.raster.canvas import Canvas, StaticImage, StaticSurfaces
@@ -202,7 +202,7 @@ class RasterRenderer:
         With a window, the statics are drawn only around it, unless the cache has all of them.
         """
         camera, sky = camera_of(scene, view), sky_of(scene)
-        lamps, scene = lit_lamps(scene, sky), keeping_hue(glowing(scene, sky), sky)
+        lamps, scene = lit_lamps(scene, sky), with_lit_rooms(keeping_hue(glowing(scene, sky), sky), sky)
         with self._context.current() as gl:
             prepared = self._context.scenes.prepare(scene, movables=movables)
             statics, sun = prepared.statics, scene.sun_direction()

@@ -49,6 +49,36 @@ class Texture:
 TRANSLUCENCY: Final = 0.35
 
 
+#: Cells along each edge of `Rooms`.
+ROOM_CELLS: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Rooms:
+    """The rooms behind panes: `ROOM_CELLS`² different ones. Lamps light some of them while the street lamps are on.
+
+    The texture coordinates of a pane fill a cell but for a margin of 2 % and choose its room. The middle of the pane is the
+    middle of the room's width. The ceiling is 0.35 m above the pane. The floor is at its lower edge, but at least 2.3 m below
+    its upper edge.
+
+    The texture's quarters have a cell for each room. Above, they show the rooms by day, as the reflectance of the pane, and by
+    lamps; alpha by lamps is 1 if lamps light the room, else 0. A picture is taken from one depth of the room in front of the
+    pane, and the room's front fills the cell but for the margin. Below, they show what hangs at the pane by day and by lamps,
+    with its opacity in alpha.
+
+    Attributes:
+        texture: name of the texture.
+        width: width of a room, metres, but at least one and a half panes.
+        depth: metres.
+        luminance: luminance of white by lamps, cd/m².
+    """
+
+    texture: str
+    width: float
+    depth: float
+    luminance: float
+
+
 @dataclass(frozen=True, slots=True)
 class Material:
     """Metallic-roughness appearance (glTF 2.0 section 3.9), with Blender's specular tint.
@@ -69,6 +99,7 @@ class Material:
             pane's. Engines without transmission draw it opaque.
         traffic: share of the lying snow and leaves that wheels or feet remove where they have polished the surface, in [0, 1].
         soaks: share of the rain that sinks in, in [0, 1]: 0 for sealed ground, which mirrors, 1 for soil and grass.
+        rooms: what a pane shows behind it; None for nothing. Engines without rooms show the base colour.
         translucency: share t of the light on one side of a thin sheet that its other side shows, in the sheet's colour; the lit
             side shows 1 − t / 2. None for that of paper and cloth if the sheet is double-sided, else 0.
     """
@@ -88,6 +119,7 @@ class Material:
     transmission: float = 0.0
     traffic: float = 0.0
     soaks: float = 0.0
+    rooms: Rooms | None = None
     translucency: float | None = None
 
     @property
@@ -100,7 +132,8 @@ class Material:
     @property
     def textures(self) -> tuple[str, ...]:
         """Return the names of its textures."""
-        names = (self.base_color_texture, self.normal_texture, self.roughness_texture)
+        rooms = self.rooms.texture if self.rooms is not None else None
+        names = (self.base_color_texture, self.normal_texture, self.roughness_texture, rooms)
         return tuple(name for name in names if name is not None)
 
 

@@ -61,6 +61,11 @@ const vec3 SNOW_ALBEDO = vec3(0.80, 0.82, 0.85);    // as in sky.py
 const vec3 SNOW_DEPTHS = vec3(0.93, 0.99, 1.12);    // hue of light from all sides in snow, relative luminance 1
 #endif
 
+// Emissive light of a material with the texel ``glow`` (materials.py); ``room`` is the share that its room shows.
+vec3 emitted(vec4 glow, vec3 room) {
+    return glow.rgb * (glow.a < 0.0 ? room : vec3(1.0));
+}
+
 vec3 sky(vec3 d) {
     float elevation = asin(clamp(d.z, 0.0, 1.0));
     vec2 flat_d = normalize(d.xy + vec2(1e-6, 0.0)), flat_s = normalize(toward_sun.xy + vec2(1e-6, 0.0));
@@ -297,8 +302,13 @@ void main() {
     int row = int(material.x);
     vec4 surface = texelFetch(material_table, ivec2(1, row), 0);
     vec4 glow = texelFetch(material_table, ivec2(2, row), 0);
-    surface.xy *= unpacked_factors(material.y);
-    float roughness = clamp(surface.x, 0.04, 1.0), metallic = surface.y, translucency = glow.a;
+    vec2 factors = unpacked_factors(material.y);
+    surface.xy *= factors;
+    float roughness = clamp(surface.x, 0.04, 1.0), metallic = surface.y, translucency = max(glow.a, 0.0);
+    // A room behind a pane is lit by its lamps only, if they are on.
+    float own = glow.a < 0.0 ? factors.y : 0.0;
+    // Double glazing has twice the surfaces.
+    float panes = glow.a < 0.0 ? 2.0 : 1.0;
 
     ivec2 pixel = nearest_cell(s, depth, SKYLIGHT_CELL);
 
@@ -330,7 +340,7 @@ void main() {
 #ifdef RAIN
     // Pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278). Standing water is smooth and level,
     // with the reflectance of water at normal incidence. A film keeps most of the relief. What water sinks into does not mirror.
-    float soaks = texelFetch(material_table, ivec2(5, row), 0).r;
+    float soaks = texelFetch(material_table, ivec2(5, row), 0).a;
     Water water = water_at(p, face, soaks, roughness, grain);
     float film = water.film * (1.0 - metallic), pool = water.pool * (1.0 - metallic);
     albedo *= mix(1.0, 0.5, film * smoothstep(0.2, 0.6, roughness));
@@ -360,12 +370,12 @@ void main() {
 
     float luminance = dot(albedo, vec3(0.2126, 0.7152, 0.0722));
     vec3 tint = luminance > 0.0 ? albedo / luminance : vec3(1.0);
-    vec3 f0 = mix(0.04 * surface.z * mix(vec3(1.0), tint, surface.w), albedo, metallic);
+    vec3 f0 = mix(0.04 * panes * surface.z * mix(vec3(1.0), tint, surface.w), albedo, metallic);
     vec3 view = -d;
     float facing = max(dot(normal, view), 1e-3);
     // Specularly reflected light does not reach the diffuse surface below.
     vec3 mirrored_share = environment_reflectance(f0, roughness, facing);
-    vec3 diffuse = albedo * (1.0 - metallic) * (1.0 - mirrored_share);
+    vec3 diffuse = albedo * (1.0 - metallic) * (1.0 - own) * (1.0 - mirrored_share);
     float cosine = dot(normal, toward_sun), face_cosine = dot(face, toward_sun);
 
     // Sun. A face turned away gets none, whatever its normal map says. Thin sheets transmit a share.
@@ -427,7 +437,7 @@ void main() {
 #ifdef LAMPS
     color += lamplight(p, normal, face, view, diffuse, f0, roughness, translucency);
 #endif
-    color += glow.rgb;
+    color += emitted(glow, own * albedo * (1.0 - mirrored_share));
     vec3 clear_air = exp(-extinction * length(p - eye));
     color = mix(haze, color, clear_air);
     color = sample_is_sky ? above + sun_disc(d) * panorama_known : color;

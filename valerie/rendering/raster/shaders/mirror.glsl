@@ -73,9 +73,11 @@ vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
         float window = texelFetch(mirror_depth, place, 0).r;
         bool is_sky = window == 1.0, is_thing = eye.z + ray_of(place).z * linear_depth(window) > p.z + ABOVE;
         vec3 root = texelFetch(mirror_albedo, place, 0).rgb;
+        uvec2 material = texelFetch(mirror_material, place, 0).rg;
+        vec4 glow = texelFetch(material_table, ivec2(2, int(material.x)), 0);
         // A rough film spreads a lamp's light too far to see.
-        vec3 glow = sharp * texelFetch(material_table, ivec2(2, int(texelFetch(mirror_material, place, 0).r)), 0).rgb;
-        vec3 color = is_sky ? above : mix(haze, root * root * mirrored_light + glow, clear_air);
+        vec3 emissive = sharp * emitted(glow, unpacked_factors(material.y).y * root * root);
+        vec3 color = is_sky ? above : mix(haze, root * root * mirrored_light + emissive, clear_air);
         vec4 share = vec4(color, 1.0) * (is_sky || is_thing ? float(3 - abs(i)) / 9.0 : 0.0);
         sum += wanted ? share : vec4(0.0);
     } while (++i <= taps);

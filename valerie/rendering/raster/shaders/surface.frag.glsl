@@ -11,6 +11,9 @@ uniform sampler2DArray normal_textures;
 #ifdef ROUGHNESS_TEXTURE
 uniform sampler2DArray roughness_textures;
 #endif
+#ifdef ROOM_CELLS
+#include "rooms.glsl"
+#endif
 
 vec3 linear_from_srgb(vec3 c) {
     return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
@@ -31,7 +34,7 @@ void main() {
     float wide = dot(du, du), high = dot(dv, dv);
     float slant = 0.5 * log2(max(wide, high) / max(min(wide, high), 1e-20));
 #endif
-#ifdef COLOR_TEXTURE
+#if defined(COLOR_TEXTURE) && !defined(ROOM_CELLS)
 #ifdef CUT
     cut_by_alpha();
     vec4 texel = texture(color_textures, vec3(uv, material_texel(3).x));
@@ -59,9 +62,14 @@ void main() {
         shading = normalize(mat3(tangent * inversesqrt(largest), bitangent * inversesqrt(largest), normal) * t);
     }
 #endif
+    uint factors = NO_ROUGHNESS_TEXTURE;
+#ifdef ROOM_CELLS
+    vec4 room = behind_pane(normal, du, dv, slant, shading);
+    color *= linear_from_srgb(room.rgb);
+    factors = packed_factors(vec2(1.0, room.a));
+#endif
     out_albedo = vec4(sqrt(color), 1.0);
     out_normals = vec4(octahedron_encode(shading), octahedron_encode(normal));
-    uint factors = NO_ROUGHNESS_TEXTURE;
 #ifdef ROUGHNESS_TEXTURE
     factors = packed_factors(texture(roughness_textures, vec3(uv, material_texel(4).y), -min(slant, 1.0)).gb);
 #endif

@@ -9,6 +9,7 @@ import moderngl
 
 from valerie.rendering.raster.gl.uniforms import Uniforms, bind, set_uniforms
 from valerie.rendering.raster.upload.materials import SurfaceKind
+from valerie.scene.graph.model import ROOM_CELLS
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.upload.context import GraphicsContext
@@ -79,7 +80,7 @@ class SurfaceDrawer:
         """Return the kind without the details that this drawer ignores, so that more meshes share a program."""
         if self._textures != "ignored" or kind.cut:
             return kind
-        return kind._replace(color_side=0, normal_side=0, roughness_side=0)
+        return kind._replace(color_side=0, normal_side=0, roughness_side=0, room_side=0)
 
     def moved(
         self,
@@ -118,6 +119,9 @@ class SurfaceDrawer:
         if kind.roughness_side and read:
             defines["ROUGHNESS_TEXTURE"] = 1
             samplers["roughness_textures"] = textures.arrays[kind.roughness_side]
+        if kind.room_side and read:
+            defines["ROOM_CELLS"] = ROOM_CELLS
+            samplers["room_textures"] = textures.arrays[kind.room_side]
         if self._textures == "known" and (kind.color_side or kind.normal_side or kind.roughness_side):
             defines["TEXTURED"] = 1
             if kind.normal_side:

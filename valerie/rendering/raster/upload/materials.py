@@ -23,6 +23,7 @@ class SurfaceKind(NamedTuple):
         double_sided: back faces are drawn.
         cut: texels with low alpha are cut out.
         clear: the surface is a transparent pane.
+        room_side: side of the array of the texture of rooms, 0 for none.
     """
 
     color_side: int
@@ -31,6 +32,7 @@ class SurfaceKind(NamedTuple):
     double_sided: bool
     cut: bool
     clear: bool
+    room_side: int
 
 
 def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
@@ -43,6 +45,7 @@ def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
         material.double_sided,
         cut,
         material.transmission > 0.0,
+        textures.side(material.rooms.texture if material.rooms is not None else None),
     )
 
 
@@ -65,9 +68,10 @@ def mean_reflectance(
 def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArray[np.float32]:
     """Return the material table, (N, 6, 4) float32: six RGBA texels per material.
 
-    0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
+    0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency
+    (−1: the emissive light is that of rooms) ·
     3: layers of the colour and of the normal texture, sides of their arrays (0: none) · 4: transmission, layer of the roughness
-    texture, side of its array (0: none), traffic · 5: soaks.
+    texture, side of its array (0: none), traffic · 5: layer, width and depth of the rooms, soaks.
     """
     table = np.zeros((max(len(materials), 1), TEXELS, 4), np.float32)
     for row, material in zip(table, materials, strict=False):
@@ -79,8 +83,11 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
                 slot = textures.slots[name]
                 row[3, column], row[3, column + 2] = slot.layer, slot.side
         row[4, 0], row[4, 3] = material.transmission, material.traffic
-        row[5, 0] = material.soaks
+        row[5, 3] = material.soaks
         if material.roughness_texture is not None:
             slot = textures.slots[material.roughness_texture]
             row[4, 1:3] = slot.layer, slot.side
+        if material.rooms is not None:
+            row[2, 3] = -1.0
+            row[5, :3] = textures.slots[material.rooms.texture].layer, material.rooms.width, material.rooms.depth
     return table

@@ -151,7 +151,10 @@ class SceneStore:
             tuple((tuple(map(id, i.meshes)), i.world.tobytes(), i.node.label_id, i.node.instance_id) for i in items),
         )
         geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
-        appearance = tuple((m.base_color, m.textures, m.alpha_cutoff, m.transmission) for m in materials)
+        appearance = tuple(
+            (m.base_color, m.textures, m.alpha_cutoff, m.transmission, m.rooms is not None and m.emissive)
+            for m in materials
+        )
         # A solid surface hides light regardless of its textures.
         shape = tuple(
             (m.alpha_cutoff, m.base_color_texture if surface_kind(m, textures).cut else None, m.transmission)
