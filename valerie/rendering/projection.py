@@ -70,6 +70,19 @@ def box_corners(low: Points, high: Points) -> Points:
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
 
 
+def touches_clip_volume(boxes: Points, clip_from_world: Matrix) -> NDArray[np.bool_]:
+    """Return (N,) bool, False only if all corners of a box, (N, 8, 3), lie beyond one side of a clip volume.
+
+    The volume is taken a little larger than it is, since a driver rounds otherwise than this function.
+    """
+    corners = boxes @ clip_from_world[:, :3].T + clip_from_world[:, 3]
+    reach = 1.001 * corners[..., 3:] + 0.01
+    sides = np.concatenate([corners[..., :3] > reach, corners[..., :3] < -reach], axis=2)
+    beyond: NDArray[np.bool_] = np.asarray(sides.all(axis=1))
+    touches: NDArray[np.bool_] = ~np.asarray(beyond.any(axis=1))
+    return touches
+
+
 def clip_hull(points: Points, normal: Points, offset: float) -> Points:
     """Return points that span the convex hull of ``points`` clipped by the half space normal·p ≥ offset; (0, 3) if empty.
 

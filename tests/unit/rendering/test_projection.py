@@ -11,10 +11,12 @@ from valerie.rendering.projection import (
     box_corners,
     clip_from_view,
     clip_hull,
+    drawing_matrices,
     fit_light_view,
     light_axes,
     project,
     seen_points,
+    touches_clip_volume,
     turned_to_fit,
     view_from_world,
 )
@@ -113,3 +115,21 @@ def test_seen_points_lie_in_the_box_and_in_the_image() -> None:
 
 def test_a_box_behind_the_camera_has_no_visible_points() -> None:
     assert not len(seen_points(CAMERA, View("c", 64, 36), np.array([-1.0, -30, 0]), np.array([1.0, -20, 2]), 100.0))
+
+
+def test_a_box_with_a_point_in_the_image_touches_the_clip_volume() -> None:
+    random = np.random.default_rng(3)
+    middles, halves = random.uniform(-60, 60, (400, 3)), random.uniform(0.01, 20, (400, 3))
+    boxes = np.array([box_corners(m - h, m + h) for m, h in zip(middles, halves, strict=True)])
+    touches = touches_clip_volume(boxes, drawing_matrices(CAMERA, View("c", 640, 360))["clip_from_world"])
+    inside = middles[:, None] + random.uniform(-1, 1, (400, 300, 3)) * halves[:, None]
+    pixels = project(inside.reshape(-1, 3), CAMERA, 640, 360).reshape(400, 300, 3)
+    shown = (pixels >= (0, 0, CAMERA.near)) & (pixels <= (640, 360, CAMERA.far))
+    assert touches[shown.all(axis=2).any(axis=1)].all()
+    assert 0 < touches.mean() < 0.7
+
+
+def test_boxes_behind_and_beside_the_camera_do_not_touch_the_clip_volume() -> None:
+    away = np.array([[0.0, -20, 0], [-60, 10, 0], [60, 10, 0], [0, 10, 40], [0, 10, -40]])
+    boxes = np.array([box_corners(place - 1, place + 1) for place in CAMERA.position + away])
+    assert not touches_clip_volume(boxes, drawing_matrices(CAMERA, View("c", 640, 360))["clip_from_world"]).any()

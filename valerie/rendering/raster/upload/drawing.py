@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import moderngl
+import numpy as np
 
 from valerie.rendering.raster.gl.uniforms import Uniforms, bind, set_uniforms
 from valerie.rendering.raster.upload.materials import SurfaceKind
@@ -53,13 +54,18 @@ class SurfaceDrawer:
         self._sampler = sampler
 
     def statics(self, statics: Statics, table: moderngl.Texture, values: Uniforms) -> None:
-        """Draw all statics into the target in use."""
+        """Draw the statics into the target in use, without meshes outside the clip volume of ``values``."""
         geometry = statics.geometry
+        drawn = geometry.within(np.asarray(values["clip_from_world"]))
         for batch in geometry.batches if self._textures == "read" else geometry.whole:
             if batch.kind.clear and self._panes == "not":
                 continue
-            program = self._ready(batch.kind, statics.textures, table, values, movable=False)
-            geometry.array(program).render(moderngl.TRIANGLES, vertices=batch.count, first=batch.first)
+            parts = geometry.parts(batch, drawn)
+            if not parts:
+                continue
+            array = geometry.array(self._ready(batch.kind, statics.textures, table, values, movable=False))
+            for part in parts:
+                array.render(moderngl.TRIANGLES, vertices=part.count, first=part.first)
         if self._sampler is not None:
             self._context.gl.clear_samplers()
 

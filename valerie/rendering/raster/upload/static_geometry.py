@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
+from typing import Final
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.rendering.projection import Points, box_corners, touches_clip_volume
 from valerie.rendering.raster.gl.buffers import Buffers
+from valerie.rendering.raster.gl.tiles import Mask
 from valerie.rendering.raster.upload.materials import SurfaceKind
 from valerie.rendering.raster.upload.surroundings import SurfaceSample, sample_surfaces
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
+from valerie.scene.graph.model import Matrix
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +29,8 @@ class Batch:
     count: int
 
 
+#: Largest number of triangles outside the volume that are drawn with those around them, which is cheaper than another call.
+_GAP: Final = 256
 _SERIALS = count()
 
 
@@ -58,6 +64,8 @@ class StaticGeometry:
         ids: list[NDArray[np.uint32]] = []
         solid: list[tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.bool_]]] = []
         faces: dict[SurfaceKind, list[NDArray[np.uint32]]] = {}
+        boxes: dict[SurfaceKind, list[Points]] = {}
+        sizes: dict[SurfaceKind, list[int]] = {}
         start = 0
         for item, item_rows, item_kinds in zip(items, rows, kinds, strict=True):
             mirrored = np.linalg.det(item.world[:3, :3]) < 0
@@ -69,6 +77,8 @@ class StaticGeometry:
                 )
                 corners = (mesh.faces[:, ::-1] if mirrored else mesh.faces) + np.uint32(start)
                 faces.setdefault(kind, []).append(corners)
+                boxes.setdefault(kind, []).append(_box(vertices[-1][0]))
+                sizes.setdefault(kind, []).append(corners.size)
                 if not kind.clear:
                     both = np.full(len(corners), kind.double_sided)
                     solid.append((corners, np.full(len(corners), row, np.uint32), both))
@@ -79,6 +89,8 @@ class StaticGeometry:
         self.core_low, self.core_high = self.low, self.high
         self.sample = SurfaceSample.empty(0.0)
         self._buffers: Buffers | None = None
+        # Of each mesh, in the order of the indices: its first index, and the corners of its bounding box.
+        self._starts, self._boxes = np.zeros(1, np.int64), np.zeros((0, 8, 3))
         if not start:
             return
         positions, normals, uvs = (np.concatenate(part) for part in zip(*vertices, strict=True))
@@ -89,11 +101,14 @@ class StaticGeometry:
             self.sample = sample_surfaces(positions, corners, of_faces, two_sided, self.core_low, self.core_high)
         ordered: list[NDArray[np.uint32]] = []
         # Cut surfaces and panes come last, so that all others form one range for passes that need only shapes.
-        for kind in sorted(faces, key=lambda k: (k.cut or k.clear, k)):
+        order = sorted(faces, key=lambda k: (k.cut or k.clear, k))
+        for kind in order:
             corners = np.concatenate(faces[kind])
             self.batches.append(Batch(kind, self.triangles * 3, corners.size))
             self.triangles += len(corners)
             ordered.append(corners)
+        self._starts = np.cumsum([0, *(size for kind in order for size in sizes[kind])])
+        self._boxes = np.array([box for kind in order for box in boxes[kind]])
         attributes = {
             "in_position": positions, "in_normal": normals, "in_uv": uvs, "in_ids": np.concatenate(ids),
         }  # fmt: skip
@@ -108,6 +123,21 @@ class StaticGeometry:
             merged += _joined([b for b in solid if b.kind.double_sided == sided])
         return (*merged, *(b for b in self.batches if b.kind.cut or b.kind.clear))
 
+    def within(self, clip_from_world: Matrix) -> Mask:
+        """Return (M,) bool per mesh, False if its bounding box lies outside a clip volume."""
+        return touches_clip_volume(self._boxes, clip_from_world)
+
+    def parts(self, batch: Batch, drawn: Mask) -> list[Batch]:
+        """Return the ranges of a batch that hold the meshes of ``drawn``, (M,) bool from `within`, and few others."""
+        first, last = np.searchsorted(self._starts, (batch.first, batch.first + batch.count))
+        meshes = first + np.flatnonzero(drawn[first:last])
+        if not len(meshes):
+            return []
+        begins, ends = self._starts[meshes], self._starts[meshes + 1]
+        gaps = np.flatnonzero(begins[1:] - ends[:-1] > _GAP * 3)
+        ranges = zip(begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)], strict=True)
+        return [Batch(batch.kind, int(begin), int(end - begin)) for begin, end in ranges]
+
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
         """Return the vertex array of a program. There must be at least one batch."""
         assert self._buffers is not None
@@ -117,6 +147,13 @@ class StaticGeometry:
         """Free the buffers."""
         if self._buffers is not None:
             self._buffers.release()
+
+
+def _box(positions: NDArray[np.float32]) -> Points:
+    """Return the (8, 3) corners of the box around vertices, (N, 3); those of a point at the origin without any."""
+    if not len(positions):
+        return np.zeros((8, 3))
+    return box_corners(positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64))
 
 
 def _in_world(
