@@ -42,6 +42,7 @@ def test_every_service_is_read_only_and_limited(services: dict[str, Any]) -> Non
         assert service["mem_limit"], name
         assert service["pids_limit"], name
         assert "no-new-privileges:true" in service["security_opt"], name
+        assert service["cap_drop"] == ["ALL"], name
 
 
 def test_the_api_trusts_the_proxy_alone_which_reaches_nothing_else(
