@@ -87,7 +87,7 @@ def system_of(settings: Settings) -> Iterator[System]:
     """
     server = running.acquire(settings.data_dir)
     if isinstance(server, running.Running):
-        say(f"using the server at {server.url} (process {server.pid})")
+        say(f"using the server at {server.url} (process {server.pid}), with the settings of its start")
         with Client(server.url, token=_token(settings)) as client:
             yield System(client, owned=False, check=lambda: None)
         return
