@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import asdict
+from typing import Any, Final
 
 import numpy as np
 import pygltflib
@@ -11,10 +12,14 @@ import pygltflib
 from valerie.errors import InvalidInput
 from valerie.plain import JsonObject
 from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, TRANSMISSION, own_extras
-from valerie.scene.graph.model import Material
+from valerie.scene.graph.model import Material, Rooms
 
 TextureIndex = Callable[[str], int]
 TextureName = Callable[[int, str], str]
+
+#: Values in [0, 1] that glTF lacks, 0 by default.
+_SHARES: Final = ("transmission", "traffic", "soaks")
+_ROOM_SIZES: Final = ("width", "depth", "luminance")
 
 
 def write_material(material: Material, texture_index: TextureIndex) -> pygltflib.Material:
@@ -38,10 +43,12 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
         "specular": material.specular,
         "specular_tint": material.specular_tint,
         "emissive": list(material.emissive),
-        **({"transmission": material.transmission} if material.transmission else {}),
-        **({"traffic": material.traffic} if material.traffic else {}),
-        **({"soaks": material.soaks} if material.soaks else {}),
+        **{share: getattr(material, share) for share in _SHARES if getattr(material, share)},
     }
+    if material.translucency is not None:
+        extras["translucency"] = material.translucency
+    if (rooms := material.rooms) is not None:
+        extras["rooms"] = {**asdict(rooms), "texture": texture_index(rooms.texture)}
     color = None if material.base_color_texture is None else texture_index(material.base_color_texture)
     normal = None if material.normal_texture is None else texture_index(material.normal_texture)
     rough = None if material.roughness_texture is None else texture_index(material.roughness_texture)
@@ -108,6 +115,10 @@ def read_material(
     emissive = (
         [strength * c for c in _three(source.emissiveFactor, 0.0)] if source.emissiveTexture is None else [0.0] * 3
     )
+
+    def share(key: str, otherwise: float) -> float:
+        return float(_in_range([_one(extras.get(key), otherwise)], f"{name}.{key}", 1.0)[0])
+
     color = _three(pbr.baseColorFactor, 1.0)
     return Material(
         name=name,
@@ -122,12 +133,20 @@ def read_material(
         emissive=_in_range(_three(extras.get("emissive", emissive), 0.0), f"{name}.emissive", 1e6),
         alpha_cutoff=cutoff,
         double_sided=bool(source.doubleSided),
-        transmission=_in_range(
-            [_one(extras.get("transmission"), _one(panes.get("transmissionFactor"), 0.0))], f"{name}.transmission", 1.0
-        )[0],
-        traffic=_in_range([_one(extras.get("traffic"), 0.0)], f"{name}.traffic", 1.0)[0],
-        soaks=_in_range([_one(extras.get("soaks"), 0.0)], f"{name}.soaks", 1.0)[0],
+        transmission=share("transmission", _one(panes.get("transmissionFactor"), 0.0)),
+        traffic=share("traffic", 0.0),
+        soaks=share("soaks", 0.0),
+        translucency=share("translucency", 0.0) if "translucency" in extras else None,
+        rooms=_rooms(extras.get("rooms"), name, texture_name),
     )
+
+
+def _rooms(source: Any, name: str, texture_name: TextureName) -> Rooms | None:
+    if source is None:
+        return None
+    texture = texture_name(int(source["texture"]), f"material {name}: rooms")
+    sizes = {key: _in_range([_one(source[key], 0.0)], f"{name}.rooms.{key}", 1e6)[0] for key in _ROOM_SIZES}
+    return Rooms(texture, **sizes)
 
 
 def _one(value: object, otherwise: float) -> float:

@@ -4,7 +4,7 @@ import base64
 import json
 import math
 import struct
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from valerie.scene.gltf.common import EXTRAS_KEY
 from valerie.scene.gltf.meshes import unrolled, with_face_normals
 from valerie.scene.gltf.reader import read_gltf
 from valerie.scene.gltf.writer import save_gltf
-from valerie.scene.graph.model import Environment, Light, Material, Mesh, Node, Scene
+from valerie.scene.graph.model import Environment, Light, Material, Mesh, Node, Rooms, Scene
 from valerie.scene.graph.transforms import Pose
 from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
@@ -146,7 +146,9 @@ def test_every_field_of_a_material_survives(tmp_path: Path) -> None:
     odd = Material(
         "paving", (0.1, 0.2, 0.3), "paving", "paving", "paving", 0.4, 0.55, specular=1.7, specular_tint=0.6,
         emissive=(3.5, 0.1, 0.0), alpha_cutoff=0.3, double_sided=True, transmission=0.4, traffic=0.7, soaks=0.6,
+        rooms=Rooms("paving", 3.6, 4.0, 9.0), translucency=0.0,
     )  # fmt: skip
+    assert not [field.name for field in fields(Material) if getattr(odd, field.name) == field.default], "add it above"
     scene = Scene(
         base.nodes,
         {**base.materials, "paving": odd},
