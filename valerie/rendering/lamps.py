@@ -25,12 +25,10 @@ _DARK_LUX: Final = 0.02
 _FARTHEST: Final = 150.0
 #: Illuminance of the darkest street to which a metering camera adapts, lux: that of street lamps.
 _ADAPTED_LUX: Final = 20.0
-#: Brightest channel of a coloured lamp in the dark, over that of a white surface. Above it, further channels would clip.
+#: Brightest channel of a signal in the dark, over that of a white surface. Above it, further channels would clip.
 _BRIGHTEST: Final = 1.7
 #: Illuminance that raises this bound by 1, lux. By day, no lamp reaches it.
 _RAISING_LUX: Final = 2_000.0
-#: Least channel over the brightest: below the first, a lamp is coloured; above the second, white. White ones may burn out.
-_WHITENESS: Final = (0.2, 0.4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,25 +142,19 @@ def _lit(material: Material, color: Vector, luminance: float) -> Material:
 
 
 def keeping_hue(scene: Scene, sky: Sky) -> Scene:
-    """Return the scene with coloured lamps no brighter than a camera that is exposed for the scene can show in their hue.
+    """Return the scene with signals no brighter than a camera that is exposed for the scene can show in their hue.
 
     A red signal in the dark is thousands of times brighter than its surroundings. All channels would clip, and it would be white
-    in the picture. White lamps, and all by day, keep their radiance. Equal materials are the same object at each call.
+    in the picture. By day, it keeps its radiance. Equal materials are the same object at each call.
     """
     bound = LUX * max(sky.lux, _ADAPTED_LUX) * (_BRIGHTEST + sky.lux / _RAISING_LUX)
-    toned = {
-        name: _toned(material, bound) for name, material in scene.materials.items() if max(material.emissive) > bound
-    }
+    toned = {m.name: _toned(m, bound) for m in scene.materials.values() if m.signal and max(m.emissive) > bound}
     return replace(scene, materials={**scene.materials, **toned}) if toned else scene
 
 
 @lru_cache(maxsize=256)
 def _toned(material: Material, bound: float) -> Material:
-    brightest = max(material.emissive)
-    coloured, white = _WHITENESS
-    share = min(max((min(material.emissive) / brightest - coloured) / (white - coloured), 0.0), 1.0)
-    factor = share + (1.0 - share) * bound / brightest
-    return replace(material, emissive=_vector(np.array(material.emissive) * factor))
+    return replace(material, emissive=_vector(np.array(material.emissive) * (bound / max(material.emissive))))
 
 
 def _vector(values: NDArray[np.float64]) -> Vector:

@@ -45,6 +45,8 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
         "emissive": list(material.emissive),
         **{share: getattr(material, share) for share in _SHARES if getattr(material, share)},
     }
+    if material.signal:
+        extras["signal"] = True
     if material.translucency is not None:
         extras["translucency"] = material.translucency
     if (rooms := material.rooms) is not None:
@@ -138,6 +140,7 @@ def read_material(
         soaks=share("soaks", 0.0),
         translucency=share("translucency", 0.0) if "translucency" in extras else None,
         rooms=_rooms(extras.get("rooms"), name, texture_name),
+        signal=extras.get("signal") is True,
     )
 
 

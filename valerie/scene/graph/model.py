@@ -93,6 +93,7 @@ class Material:
         specular: reflectance at normal incidence relative to 4 % (1 = 0.04), in [0, 2].
         specular_tint: in [0, 1]: 0 for white highlights, 1 for highlights in the base colour.
         emissive: linear RGB radiance.
+        signal: True for coloured lamps such as tail lamps; in the dark, pictures show them darker, but in their hue.
         alpha_cutoff: None for opaque; else texels with alpha below it are cut, never blended, so that labels stay exact.
         double_sided: draw back faces too, with the normal turned to the viewer.
         transmission: share of light that passes straight through a thin pane such as glass, in [0, 1]. Labels and depth are the
@@ -120,6 +121,7 @@ class Material:
     traffic: float = 0.0
     soaks: float = 0.0
     rooms: Rooms | None = None
+    signal: bool = False
     translucency: float | None = None
 
     @property

@@ -146,7 +146,7 @@ def test_every_field_of_a_material_survives(tmp_path: Path) -> None:
     odd = Material(
         "paving", (0.1, 0.2, 0.3), "paving", "paving", "paving", 0.4, 0.55, specular=1.7, specular_tint=0.6,
         emissive=(3.5, 0.1, 0.0), alpha_cutoff=0.3, double_sided=True, transmission=0.4, traffic=0.7, soaks=0.6,
-        rooms=Rooms("paving", 3.6, 4.0, 9.0), translucency=0.0,
+        rooms=Rooms("paving", 3.6, 4.0, 9.0), translucency=0.0, signal=True,
     )  # fmt: skip
     assert not [field.name for field in fields(Material) if getattr(odd, field.name) == field.default], "add it above"
     scene = Scene(
