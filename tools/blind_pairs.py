@@ -1,7 +1,8 @@
 """Render pairs of pictures, one by `raster` and one by Cycles, for a judge who is not told which is which.
 
-``python -m tools.blind_pairs FOLDER [--seed S --pairs N]`` draws scenes of the gallery and of the places, and the side of each
-engine. It writes ``FOLDER/01-left.png``, ``FOLDER/01-right.png`` and so on, and the sides of Cycles to ``FOLDER.key.json``.
+``python -m tools.blind_pairs FOLDER [--seed S --pairs N --samples K]`` draws scenes of the gallery and of the places, and the
+side of each engine. It writes ``FOLDER/01-left.png``, ``FOLDER/01-right.png`` and so on, and the sides of Cycles to
+``FOLDER.key.json``.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from valerie import plugins
 from valerie.scene.assets.asset import SceneAsset, load_asset
 
 SIZE: Final = (960, 540)
-ENGINES: Final[dict[str, dict[str, Any]]] = {"raster": {}, "cycles": {"samples": 128, "denoise": True}}
 SIDES: Final = ("left", "right")
 
 
@@ -40,12 +40,14 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--pairs", type=int, default=20)
+    parser.add_argument("--samples", type=int, default=128, help="samples of Cycles, denoised")
     arguments = parser.parse_args()
+    engines: dict[str, dict[str, Any]] = {"raster": {}, "cycles": {"samples": arguments.samples, "denoise": True}}
     random = Random(arguments.seed)  # noqa: S311  draws scenes
     drawn = random.sample(list(scenes()), arguments.pairs)
     of_cycles = [random.choice(SIDES) for _ in drawn]
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    for name, settings in ENGINES.items():
+    for name, settings in engines.items():
         engine = plugins.create_renderer(name, settings)
         try:
             for number, ((asset, condition), side) in enumerate(zip(drawn, of_cycles, strict=True), 1):
