@@ -50,6 +50,14 @@ def engine(new_database: Callable[[], str]) -> Iterator[Engine]:
     engine.dispose()
 
 
+@pytest.fixture
+def pipeline(new_database: Callable[[], str], tmp_path: Path) -> Iterator[Pipeline]:
+    write_box_street(tmp_path / "assets" / "box-street")
+    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+    yield pipeline
+    pipeline.context.engine.dispose()
+
+
 def finish(engine: Engine, *names: str) -> list[str]:
     """Products claimed and published by a worker; what became ready by that."""
     digests = [digest(name) for name in names]
@@ -125,11 +133,7 @@ def test_the_time_of_leases_is_the_servers(engine: Engine, monkeypatch: pytest.M
         assert connection.scalar(select(Product.sent_at)) == pytest.approx(sent - 1e5)
 
 
-def test_workers_that_claim_at_the_same_time_get_different_packets_and_none_waits(
-    new_database: Callable[[], str], tmp_path: Path
-) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+def test_workers_that_claim_at_the_same_time_get_different_packets_and_none_waits(pipeline: Pipeline) -> None:
     engine, _ = pipeline.context.engine, pipeline.submit()
     pipeline.loop.tick(everything=True)
     ready = [product for product in pipeline.products() if product.kind is ProductKind.TRUTH]
@@ -147,14 +151,9 @@ def test_workers_that_claim_at_the_same_time_get_different_packets_and_none_wait
     assert owners == {
         job.digest: owner for owner, packet in zip(("first", "second"), packets, strict=True) for job in packet
     }
-    engine.dispose()
 
 
-def test_a_run_that_continues_gets_the_products_that_a_worker_is_parking(
-    new_database: Callable[[], str], tmp_path: Path
-) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+def test_a_run_that_continues_gets_the_products_that_a_worker_is_parking(pipeline: Pipeline) -> None:
     engine, run = pipeline.context.engine, pipeline.submit(spec(xs=2, ys=1))
     pipeline.loop.tick(everything=True)
     lifecycle.cancel(pipeline.context, run)
@@ -168,15 +167,12 @@ def test_a_run_that_continues_gets_the_products_that_a_worker_is_parking(
         resumed.result()
     assert not any(product.state is ProductState.PARKED for product in pipeline.products())
     assert pipeline.run(run) == "completed"
-    engine.dispose()
 
 
 @pytest.mark.parametrize("first", ["the sweep", "the run"])
 def test_a_run_that_continues_gets_the_products_that_the_sweep_is_parking(
-    new_database: Callable[[], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, first: str
+    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch, first: str
 ) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
     engine, run = pipeline.context.engine, pipeline.submit(spec(xs=2, ys=1))
     pipeline.loop.tick(everything=True)
     lifecycle.cancel(pipeline.context, run)
@@ -206,14 +202,9 @@ def test_a_run_that_continues_gets_the_products_that_the_sweep_is_parking(
         other.result()
     assert not any(product.state is ProductState.PARKED for product in pipeline.products())
     assert pipeline.run(run) == "completed"
-    engine.dispose()
 
 
-def test_workers_that_claim_at_the_same_time_serve_two_owners_equally(
-    new_database: Callable[[], str], tmp_path: Path
-) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+def test_workers_that_claim_at_the_same_time_serve_two_owners_equally(pipeline: Pipeline) -> None:
     engine, workers = pipeline.context.engine, 4
     for number in range(5):
         pipeline.submit(spec(xs=12, ys=2, constants={"sun-1.elevation": 10 + number}), owner="many")
@@ -234,7 +225,6 @@ def test_workers_that_claim_at_the_same_time_serve_two_owners_equally(
     with ThreadPoolExecutor(workers) as executor:
         for future in [executor.submit(work) for _ in range(workers)]:
             future.result()
-    engine.dispose()
     assert len({digest for _, digest, _ in taken}) == len(taken) == 5 * (48 + 2) + 240 + 2
     leads = list(accumulate((1 if is_one else -1 for _, _, is_one in sorted(taken)), initial=0))
     # Each worker may choose before it knows what the others took.

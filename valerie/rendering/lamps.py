@@ -1,4 +1,4 @@
-"""The lamps of a scene that are on, their strength in the image's unit, and the materials that glow in their hue."""
+"""The lamps of a scene that are on, their strength in the image's unit, and the materials that glow."""
 
 from __future__ import annotations
 

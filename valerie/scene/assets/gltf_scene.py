@@ -119,8 +119,8 @@ def _prefixed(part: FilePart, for_materials: str, for_textures: str) -> FilePart
     if not for_materials:
         return part
 
-    def textured(name: str | None) -> str | None:
-        return None if name is None else f"{for_textures}/{name}"
+    def textured(name: str) -> str:
+        return f"{for_textures}/{name}"
 
     meshes: dict[int, Mesh] = {}
 
@@ -138,17 +138,8 @@ def _prefixed(part: FilePart, for_materials: str, for_textures: str) -> FilePart
             replace(node, meshes=tuple(mesh(m) for m in node.meshes), light=light(node.light)) for node in part.nodes
         ),
         materials={
-            f"{for_materials}/{name}": replace(
-                material,
-                name=f"{for_materials}/{name}",
-                base_color_texture=textured(material.base_color_texture),
-                normal_texture=textured(material.normal_texture),
-                roughness_texture=textured(material.roughness_texture),
-            )
+            f"{for_materials}/{name}": replace(material.with_textures(textured), name=f"{for_materials}/{name}")
             for name, material in part.materials.items()
         },
-        textures={
-            f"{for_textures}/{name}": replace(texture, name=f"{for_textures}/{name}")
-            for name, texture in part.textures.items()
-        },
+        textures={textured(name): replace(texture, name=textured(name)) for name, texture in part.textures.items()},
     )

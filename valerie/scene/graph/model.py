@@ -138,6 +138,20 @@ class Material:
         names = (self.base_color_texture, self.normal_texture, self.roughness_texture, rooms)
         return tuple(name for name in names if name is not None)
 
+    def with_textures(self, named: Callable[[str], str]) -> Material:
+        """Return the material with other names for its textures."""
+
+        def new(name: str | None) -> str | None:
+            return None if name is None else named(name)
+
+        return replace(
+            self,
+            base_color_texture=new(self.base_color_texture),
+            normal_texture=new(self.normal_texture),
+            roughness_texture=new(self.roughness_texture),
+            rooms=None if self.rooms is None else replace(self.rooms, texture=named(self.rooms.texture)),
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:

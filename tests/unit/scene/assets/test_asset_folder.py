@@ -16,7 +16,7 @@ from valerie.scene.assets.asset import asset_manifest, asset_names, load_asset
 from valerie.scene.assets.asset_folder import MANIFEST_FILE, REVISION
 from valerie.scene.gltf.images import encode_png
 from valerie.scene.gltf.writer import save_gltf
-from valerie.scene.graph.model import Scene
+from valerie.scene.graph.model import Rooms, Scene
 from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 from valerie.testing.scenes import assert_same_scene
@@ -231,6 +231,21 @@ def test_a_placed_file_hangs_below_its_node_turned_scaled_and_without_its_camera
     # 180° within the node and 90° of the node are 270°: x goes to −y, y to x.
     x, y, z = (0.5 * simple_asset().base.world_transform("scene.car-1"))[:3, 3]
     np.testing.assert_allclose(scene.world_transform(node.path)[:3, 3], [3.0 + y, 20.0 - x, 0.75 + z])
+
+
+def test_every_texture_of_a_material_has_the_name_of_its_file(folder: Path) -> None:
+    base = simple_asset().base
+    paved = replace(
+        base.materials["paving"],
+        normal_texture="paving",
+        roughness_texture="paving",
+        rooms=Rooms("paving", 3.6, 4.0, 9.0),
+    )
+    save_gltf(replace(base, materials={**base.materials, "paving": paved}), folder / "model.glb")
+    write_manifest(folder, placed_files=[{"file": "model.glb", "node": "static-1", "position": [0, 0, 0]}])
+    scene = load_asset(str(folder)).base
+    assert scene.materials["static-1/paving"].textures == ("model/paving",) * 4
+    assert "model/paving" in scene.textures
 
 
 def test_one_file_placed_twice_has_materials_of_its_own_each_time(folder: Path) -> None:

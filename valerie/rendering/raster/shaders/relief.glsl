@@ -1,4 +1,5 @@
 // Smooth random surfaces, for what lies on the ground.
+
 // Height of a smooth random surface in [0, 1] with cells of unit length, and its slopes along x and y.
 vec3 relief(vec2 p, float layer) {
     vec2 cell = floor(p), t = p - cell;
