@@ -25,6 +25,7 @@ from valerie.errors import MissingDependency, RenderingError, TransientError
 from valerie.parameters.definitions import Value
 from valerie.parent import Wire
 from valerie.plain import JsonObject
+from valerie.rendering.surface_constants import CONSTANTS, relief_corners
 from valerie.scene.graph.model import Material, Mesh, Texture
 from valerie.settings import Settings, load_settings
 
@@ -89,7 +90,14 @@ class BlenderProcess:
         )
         self.pid = self._process.pid
         device = settings.cycles_device
-        answer, _ = self.ask("hello", device=device, threads=settings.cycles_threads, silence=_START_SECONDS)
+        answer, _ = self.ask(
+            "hello",
+            {"reliefs": relief_corners()},
+            silence=_START_SECONDS,
+            device=device,
+            threads=settings.cycles_threads,
+            constants=dict(CONSTANTS),
+        )
         self.version, self.device = answer["version"], answer["device"]
         self.device_name = answer["device_name"]
         if device not in ("auto", self.device.lower()):

@@ -21,12 +21,12 @@ from valerie.rendering.base import Rectangle, View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderProcess
 from valerie.rendering.cycles.messages import AirMessage, BeamMessage, CameraMessage, LampMessage, SkyMessage
-from valerie.rendering.lamps import Lamp, glowing, keeping_hue, lit_lamps
+from valerie.rendering.lamps import Lamp, glowing, keeping_hue, lit_lamps, with_lit_rooms
 from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
 from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
 from valerie.rendering.snowfall import snowed_on
-from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Scene, Texture
+from valerie.scene.graph.model import ROOM_CELLS, Camera, Material, Matrix, Mesh, Scene, Texture
 
 #: Blender's dust density per unit of turbidity above pure air. It maps our clear day (3) to Blender's default (1).
 _DUST_PER_TURBIDITY: Final = 0.5
@@ -140,7 +140,7 @@ def _ask(
     dusk = math.degrees(scene.sun.elevation) < DUSK
     own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
     lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
-    scene = keeping_hue(scene, sky)
+    scene = with_lit_rooms(keeping_hue(scene, sky), sky)
     sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0, snowy=sky.snow_depth > 0.0)
     meshes = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
     sender.forget_unused()
@@ -244,15 +244,22 @@ class _Sender:
             "uvs": mesh.uvs,
             "faces": mesh.faces,
         }
+        if self._scene.materials[mesh.material].rooms is not None:
+            arrays |= _cell_sides(positions, mesh)
         self._blender.ask("mesh", arrays, key=key)
 
     def _material(self, material: Material, *, snowy: bool) -> str:
+        rooms = material.rooms
         textures = {
-            "base_color_texture": self._texture(material.base_color_texture, color=True),
+            "base_color_texture": self._texture(material.base_color_texture if rooms is None else None, color=True),
             "normal_texture": self._texture(material.normal_texture, color=False),
             "roughness_texture": self._texture(material.roughness_texture, color=False),
         }
-        values = asdict(material) | textures
+        values = asdict(material) | textures | {"rooms": None}
+        if rooms is not None:
+            # Pictures and curtains are blended as they are stored.
+            pictures = self._texture(rooms.texture, color=False)
+            values["rooms"] = {**asdict(rooms), "texture": pictures, "cells": ROOM_CELLS}
         lens = material.name in self._lenses
         key = f"material-{hash((material, lens, self._wet, snowy, *textures.values())) & (1 << 64) - 1:x}"
         if self._is_new(key, material):
@@ -353,6 +360,20 @@ def _panorama(sky: Sky) -> NDArray[np.float32]:
     columns = np.clip(azimuth / np.pi * AZIMUTHS - 0.5, 0, AZIMUTHS - 1)
     at = np.stack(np.meshgrid(rows, columns, indexing="ij"))
     return np.stack([map_coordinates(sky.table[..., i], at, order=1) for i in range(3)], axis=2).astype(np.float32)
+
+
+def _cell_sides(positions: NDArray[np.float64], mesh: Mesh) -> dict[str, NDArray[np.float32]]:
+    """Return the sides of a cell of rooms in each triangle of panes, (F, 3) metres: along u and along v (see `Rooms`)."""
+    first, second, third = (positions[mesh.faces[:, k]].astype(np.float64) for k in range(3))
+    at, to, on = (mesh.uvs[mesh.faces[:, k]].astype(np.float64) * ROOM_CELLS for k in range(3))
+    (u1, v1), (u2, v2) = (to - at).T, (on - at).T
+    area = u1 * v2 - u2 * v1
+    area = np.where(np.abs(area) < 1e-12, 1e-12, area)[:, None]
+    one, two = second - first, third - first
+    return {
+        "right": ((one * v2[:, None] - two * v1[:, None]) / area).astype(np.float32),
+        "down": ((two * u1[:, None] - one * u2[:, None]) / area).astype(np.float32),
+    }
 
 
 def _sheared(world: Matrix) -> bool:

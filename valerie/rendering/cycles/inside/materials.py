@@ -3,25 +3,35 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from .nodes import Nodes, new_group
 from .pipe import ByName, Message
+from .rooms import behind_pane
 from .snow import snow_group
+from .terms import Term
+from .water import SURFACE, water_group
 
 
 class Materials:
-    """Blender's materials and textures, with the air, the water and the snow that all materials share."""
+    """Blender's materials and textures, with the air, the water and the snow that all materials share.
 
-    def __init__(self, data: Any) -> None:
+    Args:
+        reliefs, constants: see `Studio.hello`.
+    """
+
+    def __init__(self, data: Any, reliefs: Any, constants: Message) -> None:
         self._data = data
+        self._constants = constants
         self._materials: ByName = {}
         self._textures: ByName = {}
+        images = [byte_image(data, f"relief-{i}", corners, "Non-Color") for i, corners in enumerate(reliefs)]
         self._air: Any = _air_group(data)
-        self._water: Any = _water_group(data)
-        self._snow: Any = snow_group(data)
+        self._water: Any = water_group(data, images[4:], constants)
+        self._snow: Any = snow_group(data, images[:4], constants)
 
     def __getitem__(self, key: str) -> Any:
         return self._materials[key]
@@ -42,15 +52,8 @@ class Materials:
 
     def texture(self, header: Message, pixels: Any) -> None:
         """Add a texture, (H, W, 3 or 4) uint8. With ``color`` in the header its values are sRGB, otherwise linear data."""
-        height, width, channels = pixels.shape
-        image = self._data.images.new(header["key"], width, height, alpha=channels == 4)
-        image.colorspace_settings.name = "sRGB" if header["color"] else "Non-Color"
-        image.alpha_mode = "CHANNEL_PACKED"
-        rgba = np.ones((height, width, 4), np.float32)
-        rgba[..., :channels] = pixels[::-1] / np.float32(255)
-        image.pixels.foreach_set(rgba.ravel())
-        image.pack()
-        self._textures[header["key"]] = image
+        space = "sRGB" if header["color"] else "Non-Color"
+        self._textures[header["key"]] = byte_image(self._data, header["key"], pixels, space)
 
     def material(self, header: Message) -> None:
         """Add a material: Blender's Principled BSDF with the values of ``header``."""
@@ -58,23 +61,22 @@ class Materials:
         material.use_nodes = True
         material.use_transparent_shadow = header["alpha_cutoff"] is not None or header["transmission"] > 0
         # The haze in front of a surface is an emission too, but not a light source to sample.
-        material.cycles.emission_sampling = "AUTO" if any(header["emissive"]) and not header["lens"] else "NONE"
+        lights = any(header["emissive"]) and not header["lens"] and header["rooms"] is None
+        material.cycles.emission_sampling = "AUTO" if lights else "NONE"
         nodes = Nodes(material.node_tree)
         principled = nodes.add("ShaderNodeBsdfPrincipled")
         base: Any = nodes.color(header["base_color"])
         alpha = None
         if header["base_color_texture"] is not None:
-            image = nodes.add("ShaderNodeTexImage")
-            image.image = self._textures[header["base_color_texture"]]
-            base, alpha = nodes.multiplied(image.outputs["Color"], header["base_color"]), image.outputs["Alpha"]
+            image = nodes.image(self._textures[header["base_color_texture"]])
+            base, alpha = nodes.multiplied(image["Color"], header["base_color"]), image["Alpha"]
         nodes.link(base, principled.inputs["Base Color"])
         for name in ("metallic", "roughness"):
             principled.inputs[name.capitalize()].default_value = header[name]
         if header["roughness_texture"] is not None:
-            image = nodes.add("ShaderNodeTexImage")
-            image.image = self._textures[header["roughness_texture"]]
+            image = nodes.image(self._textures[header["roughness_texture"]])
             channels = nodes.add("ShaderNodeSeparateColor")
-            nodes.link(image.outputs["Color"], channels.inputs["Color"])
+            nodes.link(image["Color"], channels.inputs["Color"])
             for name, channel in (("metallic", "Blue"), ("roughness", "Green")):
                 factor = nodes.math("MULTIPLY", channels.outputs[channel], header[name])
                 nodes.link(factor, principled.inputs[name.capitalize()])
@@ -88,26 +90,13 @@ class Materials:
             camera_ray = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
             nodes.link(camera_ray, principled.inputs["Emission Strength"])
         if header["normal_texture"] is not None:
-            image = nodes.add("ShaderNodeTexImage")
-            image.image = self._textures[header["normal_texture"]]
             bumps = nodes.add("ShaderNodeNormalMap")
             bumps.uv_map = "uv"
-            nodes.link(image.outputs["Color"], bumps.inputs["Color"])
+            nodes.link(nodes.image(self._textures[header["normal_texture"]])["Color"], bumps.inputs["Color"])
             nodes.link(bumps.outputs["Normal"], principled.inputs["Normal"])
-        for covered, tree in ((header["wet"], self._water), (header["snowy"], self._snow)):
-            if not covered:
-                continue
-            cover = nodes.add("ShaderNodeGroup")
-            cover.node_tree = tree
-            for name in ("Metallic", "Base Color", "Roughness", "Specular IOR Level"):
-                nodes.feed_alike(cover.inputs[name], principled.inputs[name])
-                if name in cover.outputs:
-                    nodes.link(cover.outputs[name], principled.inputs[name])
-            for name in ("Traffic", "Soaks"):
-                if name in cover.inputs:
-                    cover.inputs[name].default_value = header[name.lower()]
-            if header["normal_texture"] is not None:
-                nodes.link(cover.outputs["Relief"], bumps.inputs["Strength"])
+        if header["rooms"] is not None:
+            self._show_rooms(nodes, principled, header)
+        self._cover(nodes, principled, header)
         surface = principled.outputs["BSDF"]
         if header["translucency"]:
             through = nodes.add("ShaderNodeBsdfTranslucent")
@@ -136,6 +125,61 @@ class Materials:
         nodes.link(surface, nodes.add("ShaderNodeOutputMaterial").inputs["Surface"])
         self._materials[header["key"]] = material
 
+    def _show_rooms(self, nodes: Nodes, principled: Any, header: Message) -> None:
+        """Show rooms behind a pane, as its diffuse colour by day. Lit rooms shine for the camera and for mirrors only."""
+        rooms, constants = header["rooms"], self._constants
+        lit = any(header["emissive"])
+        pane = behind_pane(nodes, self._textures[rooms["texture"]], rooms, constants, lit=lit)
+        color = pane.color * tuple(header["base_color"])
+        nodes.link(pane.normal.output, principled.inputs["Normal"])
+        # As an output, since a value may not exceed 1.
+        specular = nodes.math("ADD", 0.5 * header["specular"] * constants["GLAZING"], 0.0)
+        nodes.link(specular, principled.inputs["Specular IOR Level"])
+        if pane.lamps is not None:
+            path, fresnel = nodes.add("ShaderNodeLightPath").outputs, nodes.add("ShaderNodeFresnel")
+            mirrored = math.sqrt(0.04 * header["specular"] * constants["GLAZING"])
+            fresnel.inputs["IOR"].default_value = (1 + mirrored) / (1 - mirrored)
+            nodes.link(pane.normal.output, fresnel.inputs["Normal"])
+            seen = Term(nodes, path["Is Camera Ray"]).of("MAXIMUM", path["Is Glossy Ray"])
+            strength = pane.lamps * (1.0 - Term(nodes, fresnel.outputs[0])) * seen
+            nodes.link((color * tuple(header["emissive"])).output, principled.inputs["Emission Color"])
+            nodes.link(strength.output, principled.inputs["Emission Strength"])
+            color = color * (1.0 - pane.lamps)
+        nodes.link(color.output, principled.inputs["Base Color"])
+
+    def _cover(self, nodes: Nodes, principled: Any, header: Message) -> None:
+        """Cover a surface with the water and then with the snow that lie on it."""
+        trees = [tree for covered, tree in ((header["wet"], self._water), (header["snowy"], self._snow)) if covered]
+        if trees and not principled.inputs["Normal"].is_linked:
+            nodes.link(nodes.add("ShaderNodeNewGeometry").outputs["Normal"], principled.inputs["Normal"])
+        covers = []
+        for tree in trees:
+            cover = nodes.add("ShaderNodeGroup")
+            cover.node_tree = tree
+            for name in ("Base Color", "Roughness"):
+                nodes.feed_alike(cover.inputs[f"Dry {name}"], principled.inputs[name])
+            for name in ("Traffic", "Soaks"):
+                if name in cover.inputs:
+                    cover.inputs[name].default_value = header[name.lower()]
+            covers.append(cover)
+        for cover in covers:
+            for name in SURFACE:
+                nodes.feed_alike(cover.inputs[name], principled.inputs[name])
+                nodes.link(cover.outputs[name], principled.inputs[name])
+
+
+def byte_image(data: Any, name: str, pixels: Any, space: str) -> Any:
+    """Return a Blender image of pixels, (H, W, 3 or 4) uint8, first row at the top, in a colour space of Blender's."""
+    height, width, channels = pixels.shape
+    image = data.images.new(name, width, height, alpha=channels == 4)
+    image.colorspace_settings.name = space
+    image.alpha_mode = "CHANNEL_PACKED"
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :channels] = pixels[::-1] / np.float32(255)
+    image.pixels.foreach_set(rgba.ravel())
+    image.pack()
+    return image
+
 
 def _air_group(data: Any) -> Any:
     """Return the node group that fades a surface into the haze before it: transmittance exp(−extinction · distance)."""
@@ -148,40 +192,4 @@ def _air_group(data: Any) -> Any:
     camera_ray = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
     share = nodes.math("MULTIPLY", hidden, camera_ray)
     nodes.link(nodes.mixed(share, source[0], haze.outputs[0]), result[0])
-    return group
-
-
-def _water_group(data: Any) -> Any:
-    """Return the node group of water on surfaces that face up, as in the raster engine.
-
-    Pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278). The film is smooth, fills the relief
-    and reflects like water, except on soil and grass, into which it sinks. It lies in patches a metre or two wide.
-    """
-    sockets = {"Base Color": "Color", "Roughness": "Float", "Specular IOR Level": "Float"}
-    group, nodes, source, result = new_group(
-        data, "water", {**sockets, "Metallic": "Float", "Soaks": "Float"}, {**sockets, "Relief": "Float"}
-    )
-    geometry = nodes.add("ShaderNodeNewGeometry").outputs
-    up, at = nodes.add("ShaderNodeSeparateXYZ"), nodes.add("ShaderNodeSeparateXYZ")
-    nodes.link(geometry["Normal"], up.inputs[0])
-    nodes.link(geometry["Position"], at.inputs[0])
-    x, y = at.outputs["X"], at.outputs["Y"]
-
-    def wave(along: Any, along_rate: float, across: Any, across_rate: float) -> Any:
-        bent = nodes.math("MULTIPLY", nodes.math("SINE", nodes.math("MULTIPLY", across, across_rate)), 2.0)
-        return nodes.math("SINE", nodes.math("MULTIPLY_ADD", along, along_rate, bent))
-
-    dry = nodes.math("SUBTRACT", 1.0, source["Metallic"])
-    wetness = nodes.add("ShaderNodeValue", "wetness").outputs[0]
-    film = nodes.math("MULTIPLY", nodes.math("MULTIPLY", wetness, nodes.smoothstep(0.7, 0.95, up.outputs["Z"])), dry)
-    pores = nodes.math("MULTIPLY", film, nodes.smoothstep(0.2, 0.6, source["Roughness"]))
-    film = nodes.math("MULTIPLY", film, nodes.math("SUBTRACT", 1.0, source["Soaks"]))
-    patch = nodes.math("MULTIPLY_ADD", nodes.math("MULTIPLY", wave(x, 1.9, y, 1.3), wave(y, 0.9, x, 0.7)), 0.5, 0.5)
-    nodes.link(nodes.scaled(source["Base Color"], nodes.between(1.0, 0.5, pores)), result["Base Color"])
-    smooth = nodes.between(source["Roughness"], nodes.between(0.32, 0.07, patch), film)
-    nodes.link(smooth, result["Roughness"])
-    # Half of the socket's range is a reflectance of 4 %.
-    shining = nodes.math("MAXIMUM", source["Specular IOR Level"], 0.5 * 0.55)
-    nodes.link(nodes.between(source["Specular IOR Level"], shining, film), result["Specular IOR Level"])
-    nodes.link(nodes.between(1.0, 0.15, film), result["Relief"])
     return group

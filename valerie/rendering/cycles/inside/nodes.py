@@ -27,6 +27,19 @@ class Nodes:
         node.outputs[0].default_value = (*rgb, 1.0)
         return node.outputs[0]
 
+    def image(self, image: Any, at: Any = None, *, closest: bool = False) -> Any:
+        """Return the outputs of an image, Color and Alpha, at texture coordinates ``at``, by default those of the mesh.
+
+        With ``closest``, they are a pixel's own values, without those around it.
+        """
+        node = self.add("ShaderNodeTexImage")
+        node.image = image
+        if closest:
+            node.interpolation = "Closest"
+        if at is not None:
+            self.link(at, node.inputs["Vector"])
+        return node.outputs
+
     def feed_alike(self, target: Any, other: Any) -> None:
         """Copy the link or the value of another input to an input."""
         if other.is_linked:
@@ -52,24 +65,7 @@ class Nodes:
         """Return a smooth step from 0 below ``low`` to 1 above ``high``."""
         node = self.add("ShaderNodeMapRange")
         node.interpolation_type = "SMOOTHSTEP"
-        self._feed(node, (value, low, high, 0.0, 1.0))
-        return node.outputs[0]
-
-    def between(self, first: Any, second: Any, share: Any) -> Any:
-        """Return the linear blend ``first`` · (1 − share) + ``second`` · share."""
-        return self.math("MULTIPLY_ADD", self.math("SUBTRACT", second, first), share, first)
-
-    def blended(self, first: Any, second: Any, share: Any) -> Any:
-        """Return the linear blend of two colours."""
-        kept = self.scaled(first, self.math("SUBTRACT", 1.0, share))
-        return self._vector("ADD", kept, self.scaled(second, share))
-
-    def scaled(self, vector: Any, factor: Any) -> Any:
-        """Return a vector or a colour times a number."""
-        node = self.add("ShaderNodeVectorMath")
-        node.operation = "SCALE"
-        self.link(vector, node.inputs[0])
-        self.link(factor, node.inputs["Scale"])
+        self.feed(node, (value, low, high, 0.0, 1.0))
         return node.outputs[0]
 
     def mixed(self, share: Any, first: Any, second: Any) -> Any:
@@ -87,11 +83,18 @@ class Nodes:
         """Return the result of a mathematical operation on outputs and numbers."""
         node = self.add("ShaderNodeMath")
         node.operation = operation
-        self._feed(node, operands)
+        self.feed(node, operands)
         return node.outputs[0]
 
+    def calculated(self, operation: str, *operands: Any) -> Any:
+        """Return the result of an operation on outputs, numbers and tuples, which is a vector if any operand is one."""
+        kinds = {getattr(operand, "type", "VECTOR" if isinstance(operand, tuple) else "VALUE") for operand in operands}
+        if kinds == {"VALUE"}:
+            return self.math(operation, *operands)
+        return self._vector(operation, *(o if hasattr(o, "type") or isinstance(o, tuple) else (o,) * 3 for o in operands))
+
     def dot(self, vector: Any, direction: Any) -> Any:
-        return self._vector_math("DOT_PRODUCT", vector, tuple(direction)).outputs["Value"]
+        return self._vector_math("DOT_PRODUCT", vector, direction).outputs["Value"]
 
     def _vector(self, operation: str, *operands: Any) -> Any:
         return self._vector_math(operation, *operands).outputs[0]
@@ -99,10 +102,11 @@ class Nodes:
     def _vector_math(self, operation: str, *operands: Any) -> Any:
         node = self.add("ShaderNodeVectorMath")
         node.operation = operation
-        self._feed(node, operands)
+        self.feed(node, operands)
         return node
 
-    def _feed(self, node: Any, operands: Any) -> None:
+    def feed(self, node: Any, operands: Any) -> None:
+        """Link outputs to a node's inputs, or set their values, in the order of the inputs."""
         for target, operand in zip(node.inputs, operands, strict=False):
             if isinstance(operand, int | float | tuple | list):
                 target.default_value = operand

@@ -1,76 +1,80 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lying snow as Blender's shader nodes."""
+"""Lying snow as Blender's shader nodes, the same as in the raster engine (``lying.glsl``, ``lighting.frag.glsl``)."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from .nodes import Nodes, new_group
+from .nodes import new_group
+from .pipe import Message
+from .terms import Term, relief, vector
+from .water import DRY, SURFACE
 
-#: Wavelengths of the patches, metres, and their weights, as in the raster engine (``lying.glsl``).
-_PATCHES = ((1.6, 0.36), (0.4, 0.27), (0.1, 0.2), (0.03, 0.17))
-#: Standard deviation of Blender's noise without further octaves.
-_DEVIATION = 0.16
-_SNOW, _SLUSH = (0.80, 0.82, 0.85), (0.36, 0.34, 0.32)
+#: Standard deviation of a relief.
+_DEVIATION = 0.21
 
 
-def snow_group(data: Any) -> Any:
-    """Return the node group of snow on surfaces that face up, as in the raster engine, but also below roofs.
+def snow_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
+    """Return the node group of snow on surfaces that face up, but also below roofs; ``reliefs`` are from long to short.
 
-    The share that snow covers is tanh(depth / 25 mm). Traffic compacts it, and keeps polished tracks bare and damp.
+    The share that snow covers is tanh(depth / 25 mm), in patches with random borders. Traffic compacts it, and keeps polished
+    tracks bare, damp and slushy.
     """
-    sockets = {"Base Color": "Color", "Roughness": "Float", "Specular IOR Level": "Float", "Metallic": "Float"}
-    group, nodes, source, result = new_group(
-        data, "snow", {**sockets, "Traffic": "Float"}, {**sockets, "Relief": "Float"}
-    )
+    group, nodes, source, result = new_group(data, "snow", {**SURFACE, **DRY, "Traffic": "Float"}, SURFACE)
+    c = constants
     geometry = nodes.add("ShaderNodeNewGeometry").outputs
-    up, channels = nodes.add("ShaderNodeSeparateXYZ"), nodes.add("ShaderNodeSeparateColor")
-    nodes.link(geometry["Normal"], up.inputs[0])
-    nodes.link(source["Base Color"], channels.inputs[0])
-    traffic, depth = source["Traffic"], nodes.add("ShaderNodeValue", "depth").outputs[0]
+    position, face = Term(nodes, geometry["Position"]), Term(nodes, geometry["Normal"])
+    color, rough, specular, metallic, normal, dry_color, dry_rough, traffic = (
+        Term(nodes, source[name]) for name in (*SURFACE, *DRY, "Traffic")
+    )
+    fallen = Term(nodes, nodes.add("ShaderNodeValue", "depth").outputs[0])
 
-    def without(share: Any) -> Any:
-        return nodes.math("SUBTRACT", 1.0, share)
-
-    def product(first: Any, *others: Any) -> Any:
-        for other in others:
-            first = nodes.math("MULTIPLY", first, other)
-        return first
-
-    rough = source["Roughness"]
-    polished = product(nodes.smoothstep(0.745, 0.77, rough), without(nodes.smoothstep(0.785, 0.81, rough)))
-    worn = product(traffic, polished, without(nodes.smoothstep(0.16, 0.26, channels.outputs["Green"])))
-    kept = product(without(product(traffic, 0.5)), without(product(worn, 0.94)))
-    lying = product(depth, nodes.smoothstep(0.5, 0.85, up.outputs["Z"]), kept)
-    cover = nodes.math("TANH", nodes.math("DIVIDE", lying, 0.025))
-    snow = _patched(nodes, geometry["Position"], cover)
-    damp = product(worn, without(snow), nodes.smoothstep(0.0, 0.02, depth))
-    bare = nodes.scaled(source["Base Color"], nodes.between(1.0, 0.55, damp))
-    dirt = product(traffic, nodes.between(0.2, 1.0, worn))
-    white = nodes.blended(nodes.color(_SNOW), nodes.color(_SLUSH), dirt)
-    nodes.link(nodes.blended(bare, white, snow), result["Base Color"])
-    rough = nodes.between(source["Roughness"], 0.4, product(damp, 0.7))
-    nodes.link(nodes.between(rough, 0.8, snow), result["Roughness"])
-    # Half of the socket's range is a reflectance of 4 %.
-    nodes.link(nodes.between(source["Specular IOR Level"], 0.25, snow), result["Specular IOR Level"])
-    nodes.link(product(source["Metallic"], without(snow)), result["Metallic"])
-    nodes.link(without(snow), result["Relief"])
-    return group
-
-
-def _patched(nodes: Nodes, position: Any, cover: Any) -> Any:
-    """Return the share of a place that snow hides: patches with random borders, whose mean is ``cover``."""
     height: Any = 0.0
-    for length, weight in _PATCHES:
-        noise = nodes.add("ShaderNodeTexNoise")
-        noise.noise_dimensions = "2D"
-        nodes.link(position, noise.inputs["Vector"])
-        noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = 1.0 / length, 0.0
-        height = nodes.math("MULTIPLY_ADD", nodes.math("SUBTRACT", noise.outputs[0], 0.5), weight, height)
-    spread = _DEVIATION * sum(weight**2 for _, weight in _PATCHES) ** 0.5
+    dunes: Any = vector(nodes)
+    border: Any = vector(nodes)
+    for image, length, weight in zip(reliefs, c["SNOW_LENGTHS"], c["SNOW_WEIGHTS"], strict=True):
+        level, slopes = relief(nodes, image, position, (length, length))
+        height = (level - 0.5) * weight + height
+        dunes, border = dunes + slopes * weight, border + slopes * (weight / length)
+    spread = _DEVIATION * sum(weight**2 for weight in c["SNOW_WEIGHTS"]) ** 0.5
+    # Tyres polish asphalt, but less than oil and bitumen are smooth. Markings are bright. Tracks have ragged edges.
+    polish, driven = dry_rough - height * 0.04, traffic * dry_rough.step(*c["SNOW_DRIVEN"])
+    worn = driven * (1.0 - polish.step(*c["SNOW_TRACK"])) * (1.0 - dry_color.y.step(*c["SNOW_MARKING"]))
+    everywhere, from_tracks, _ = c["SNOW_TAKEN"]
+    slope = (face.z + height * (1.0 - face.z) * 0.5).step(*c["SNOW_SLOPE"])
+    depth = fallen * slope * (1.0 - traffic * everywhere) * (1.0 - worn * from_tracks)
+    cover = (depth * (1.0 / c["SNOW_COVERING"])).of("TANH")
     # The logistic curve is that of a normal distribution within 0.01.
-    decay = nodes.math("EXPONENT", nodes.math("MULTIPLY", height, -1.702 / spread))
-    rank = nodes.math("DIVIDE", 1.0, nodes.math("ADD", decay, 1.0))
-    soft = nodes.math("MINIMUM", nodes.math("MINIMUM", cover, nodes.math("SUBTRACT", 1.0, cover)), 0.2)
-    inside = nodes.math("DIVIDE", nodes.math("SUBTRACT", cover, rank), nodes.math("MAXIMUM", soft, 1e-4))
-    return nodes.smoothstep(-1.0, 1.0, inside)
+    steep = 1.702 / spread
+    rank = 1.0 / ((height * -steep).of("EXPONENT") + 1.0)
+    soft = cover.of("MINIMUM", 1.0 - cover).of("MINIMUM", c["SNOW_SOFT"]).of("MAXIMUM", 1e-4)
+    inside = (cover - rank) / soft
+    snow = inside.step(-1.0, 1.0)
+    # Towards a border the snow thins out: a slope towards higher ranks.
+    edge, thickness = 1.0 - (inside * inside).of("MINIMUM", 1.0), (depth * 0.5).of("MINIMUM", c["SNOW_THICKNESS"])
+    fall = border * (edge * thickness * rank * (1.0 - rank) * steep / soft)
+    fall = fall * (c["SNOW_STEEPEST"] / fall.length().of("MAXIMUM", 1e-4)).of("MINIMUM", 1.0)
+    untouched, more = c["SNOW_DUNES"]
+    up = vector(nodes, 0.0, 0.0, 1.0)
+    rounded = face.to(up, snow * c["SNOW_ROUNDS"]).of("NORMALIZE") + fall - dunes * (traffic * more + untouched)
+    by_traffic, in_slush = c["SNOW_DIRT"]
+    slush = driven * (1.0 - polish.step(*c["SNOW_SLUSHY"])) * in_slush
+    dirt = ((traffic * by_traffic).of("MAXIMUM", slush) + worn).clamped(0.0, 1.0)
+
+    # Melt water wets the bare tracks. Snow stands higher than the bare ground at its edge, and shades it.
+    damp = traffic * (1.0 - snow) * dirt * fallen.step(0.0, c["SNOW_DAMP"])
+    shore = (1.0 - snow) * inside.step(-3.0, -1.0)
+    bare = color * (1.0 - damp * (1.0 - c["SNOW_DAMP_ALBEDO"])) * (1.0 - shore * c["SNOW_SHADES"])
+    white = Term(nodes, nodes.color(c["SNOW_WHITE"])).to(tuple(c["SNOW_SLUSH"]), dirt)
+    damp_roughness, share = c["SNOW_DAMP_ROUGHNESS"]
+    changed = {
+        "Base Color": bare.to(white, snow),
+        "Roughness": rough.to(damp_roughness, damp * share).to(c["SNOW_ROUGHNESS"], snow),
+        # Half of the socket's range is a reflectance of 4 %.
+        "Specular IOR Level": specular.to(0.5 * c["SNOW_SPECULAR"], snow),
+        "Metallic": metallic * (1.0 - snow),
+        "Normal": normal.to(rounded.of("NORMALIZE"), snow).of("NORMALIZE"),
+    }
+    for name, term in changed.items():
+        nodes.link(term.output, result[name])
+    return group

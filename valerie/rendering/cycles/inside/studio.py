@@ -29,14 +29,12 @@ class Studio:
         self._pipe = pipe
         self._film = Film(bpy, folder)
         self._meter = SkyMeter(bpy, self._film)
-        self._choice = "CPU"
-        self._threads = 0
-        self._clear()
 
-    def hello(self, header: Message, _: ByName) -> tuple[Message, ByName]:
-        """Choose the device and report it."""
+    def hello(self, header: Message, arrays: ByName) -> tuple[Message, ByName]:
+        """Choose the device and report it. Keep the constants and reliefs of surfaces: of snow (four) and of water (three)."""
         self._threads = int(header["threads"])
         self._choice = str(header["device"]).upper()
+        self._constants, self._reliefs = header["constants"], arrays["reliefs"]
         self._clear()
         return {"version": self._bpy.app.version_string, "device": self._device[0], "device_name": self._device[1]}, {}
 
@@ -57,7 +55,10 @@ class Studio:
         return {}, {}
 
     def mesh(self, header: Message, arrays: ByName) -> tuple[Message, ByName]:
-        """Add a mesh: positions (V, 3), normals (V, 3), uvs (V, 2; v points down), faces (F, 3)."""
+        """Add a mesh: positions (V, 3), normals (V, 3), uvs (V, 2; v points down), faces (F, 3).
+
+        Panes of rooms also have ``right`` and ``down``, (F, 3), the sides of a cell.
+        """
         faces = arrays["faces"].astype(np.int32)
         mesh = self._bpy.data.meshes.new(header["key"])
         mesh.vertices.add(len(arrays["positions"]))
@@ -70,6 +71,9 @@ class Studio:
         corners = arrays["uvs"][faces.ravel()].copy()
         corners[:, 1] = 1 - corners[:, 1]
         mesh.uv_layers.new(name="uv").data.foreach_set("uv", corners.ravel())
+        for side in ("right", "down"):
+            if side in arrays:
+                mesh.attributes.new(side, "FLOAT_VECTOR", "FACE").data.foreach_set("vector", arrays[side].ravel())
         mesh.update(calc_edges=True)
         mesh.normals_split_custom_set_from_vertices(arrays["normals"])
         mesh.materials.append(None)
@@ -130,7 +134,7 @@ class Studio:
         bpy.app.handlers.render_stats.append(self._pipe.alive)
         self._meshes: ByName = {}
         self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
-        self._materials = Materials(bpy.data)
+        self._materials = Materials(bpy.data, self._reliefs, self._constants)
         self._lighting: object = None
         scene = self._scene = bpy.context.scene
         scene.render.engine = "CYCLES"
