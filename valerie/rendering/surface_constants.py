@@ -17,6 +17,11 @@ from valerie.scene.light.weather import COVERING_M
 
 Constant = float | tuple[float, ...]
 
+#: Upward component of the normals from which snow does not slide.
+SNOW_SLOPE: Final = (0.5, 0.85)
+#: Shares of the snow that traffic takes: everywhere, from tracks, from the whole surface on average.
+SNOW_TAKEN: Final = (0.5, 0.94, 2.0 / 3.0)
+
 #: Pairs are the ends of smooth steps. Lengths are metres.
 CONSTANTS: Final[Mapping[str, Constant]] = {
     # Half of the part of a cell that pane and picture fill; distance of curtains behind the pane; height of the ceiling above
@@ -50,19 +55,22 @@ CONSTANTS: Final[Mapping[str, Constant]] = {
     "WATER_ROUGHNESS": (0.22, 0.75, 0.08),
     "WATER_SPECULAR": 0.55,
     "WATER_FILLS": 0.6,
+    # Standard deviation of random relief.
+    "RELIEF_DEVIATION": 0.21,
     # Lengths of patches and their weights.
     "SNOW_LENGTHS": (1.6, 0.4, 0.1, 0.03),
     "SNOW_WEIGHTS": (0.36, 0.27, 0.2, 0.17),
-    # Upward component of the normals from which snow does not slide; depth that covers 76 % of the ground.
-    "SNOW_SLOPE": (0.5, 0.85),
+    # Change of the upward component and of the roughness by the relief, which makes borders and tracks ragged.
+    "SNOW_RAGGED": (0.5, 0.04),
+    # Depth that covers 76 % of the ground.
+    "SNOW_SLOPE": SNOW_SLOPE,
     "SNOW_COVERING": COVERING_M,
     # Roughness of asphalt that wheels use (from, to), of their tracks and of slush (from, to); luminance of markings.
     "SNOW_DRIVEN": (0.745, 0.77),
     "SNOW_TRACK": (0.785, 0.81),
     "SNOW_SLUSHY": (0.80, 0.90),
     "SNOW_MARKING": (0.16, 0.26),
-    # Shares of the snow that traffic takes: everywhere, from tracks, from the whole surface on average.
-    "SNOW_TAKEN": (0.5, 0.94, 2.0 / 3.0),
+    "SNOW_TAKEN": SNOW_TAKEN,
     # Softness of borders, largest thickness and slope there; height of dunes on untouched snow and more with traffic.
     "SNOW_SOFT": 0.2,
     "SNOW_THICKNESS": 0.02,

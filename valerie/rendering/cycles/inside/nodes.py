@@ -91,7 +91,9 @@ class Nodes:
         kinds = {getattr(operand, "type", "VECTOR" if isinstance(operand, tuple) else "VALUE") for operand in operands}
         if kinds == {"VALUE"}:
             return self.math(operation, *operands)
-        return self._vector(operation, *(o if hasattr(o, "type") or isinstance(o, tuple) else (o,) * 3 for o in operands))
+        return self._vector(
+            operation, *(o if hasattr(o, "type") or isinstance(o, tuple) else (o,) * 3 for o in operands)
+        )
 
     def dot(self, vector: Any, direction: Any) -> Any:
         return self._vector_math("DOT_PRODUCT", vector, direction).outputs["Value"]

@@ -10,9 +10,6 @@ from .pipe import Message
 from .terms import Term, relief, vector
 from .water import DRY, SURFACE
 
-#: Standard deviation of a relief.
-_DEVIATION = 0.21
-
 
 def snow_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
     """Return the node group of snow on surfaces that face up, but also below roofs; ``reliefs`` are from long to short.
@@ -36,12 +33,13 @@ def snow_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
         level, slopes = relief(nodes, image, position, (length, length))
         height = (level - 0.5) * weight + height
         dunes, border = dunes + slopes * weight, border + slopes * (weight / length)
-    spread = _DEVIATION * sum(weight**2 for weight in c["SNOW_WEIGHTS"]) ** 0.5
+    spread = c["RELIEF_DEVIATION"] * sum(weight**2 for weight in c["SNOW_WEIGHTS"]) ** 0.5
+    by_slope, by_roughness = c["SNOW_RAGGED"]
     # Tyres polish asphalt, but less than oil and bitumen are smooth. Markings are bright. Tracks have ragged edges.
-    polish, driven = dry_rough - height * 0.04, traffic * dry_rough.step(*c["SNOW_DRIVEN"])
+    polish, driven = dry_rough - height * by_roughness, traffic * dry_rough.step(*c["SNOW_DRIVEN"])
     worn = driven * (1.0 - polish.step(*c["SNOW_TRACK"])) * (1.0 - dry_color.y.step(*c["SNOW_MARKING"]))
     everywhere, from_tracks, _ = c["SNOW_TAKEN"]
-    slope = (face.z + height * (1.0 - face.z) * 0.5).step(*c["SNOW_SLOPE"])
+    slope = (face.z + height * (1.0 - face.z) * by_slope).step(*c["SNOW_SLOPE"])
     depth = fallen * slope * (1.0 - traffic * everywhere) * (1.0 - worn * from_tracks)
     cover = (depth * (1.0 / c["SNOW_COVERING"])).of("TANH")
     # The logistic curve is that of a normal distribution within 0.01.

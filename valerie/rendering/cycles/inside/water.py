@@ -7,7 +7,7 @@ from typing import Any
 
 from .nodes import new_group
 from .pipe import Message
-from .terms import Term, relief, vector
+from .terms import Term, relief
 
 #: What a cover reads and changes of a surface. What it reads as "Dry" is that of the surface without any cover.
 SURFACE = {
@@ -53,7 +53,7 @@ def water_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
         "Roughness": rough.to(rough.of("MINIMUM", smooth).to(rough * on_soil, soaks).to(still, pool), film),
         "Specular IOR Level": specular.to(shining, mirrors),
         "Metallic": metallic,
-        "Normal": (normal.to(face, filled) + vector(nodes, slopes.x, slopes.y) * pool * c["WATER_RIPPLES"]).of("NORMALIZE"),
+        "Normal": (normal.to(face, filled) + slopes * pool * c["WATER_RIPPLES"]).of("NORMALIZE"),
     }
     for name, term in changed.items():
         nodes.link(term.output, result[name])

@@ -57,7 +57,6 @@ layout(location = 0) out vec4 out_radiance;
 const float BRIGHTEST = 24.0;
 const float BRIGHTEST_SKY = 65504.0;
 #ifdef SNOW
-const vec3 SNOW_ALBEDO = vec3(0.80, 0.82, 0.85);    // as in sky.py
 const vec3 SNOW_DEPTHS = vec3(0.93, 0.99, 1.12);    // hue of light from all sides in snow, relative luminance 1
 #endif
 
@@ -308,7 +307,7 @@ void main() {
     // A room behind a pane is lit by its lamps only, if they are on.
     float own = glow.a < 0.0 ? factors.y : 0.0;
     // Double glazing has twice the surfaces.
-    float panes = glow.a < 0.0 ? 2.0 : 1.0;
+    float panes = glow.a < 0.0 ? GLAZING : 1.0;
 
     ivec2 pixel = nearest_cell(s, depth, SKYLIGHT_CELL);
 
@@ -343,22 +342,23 @@ void main() {
     float soaks = texelFetch(material_table, ivec2(5, row), 0).a;
     Water water = water_at(p, face, soaks, roughness, grain);
     float film = water.film * (1.0 - metallic), pool = water.pool * (1.0 - metallic);
-    albedo *= mix(1.0, 0.5, film * smoothstep(0.2, 0.6, roughness));
-    roughness = mix(roughness, mix(mix(min(roughness, 0.22), 0.75 * roughness, soaks), 0.08, pool), film);
-    surface.z = mix(surface.z, max(surface.z, 0.55), max(film * (1.0 - soaks), pool));
-    normal = normalize(mix(normal, face, max(film * 0.6 * (1.0 - soaks), pool)) + vec3(water.ripples * pool, 0.0));
+    albedo *= mix(1.0, WATER_DARKENS, film * smoothstep(WATER_PORES.x, WATER_PORES.y, roughness));
+    float smoothed = mix(min(roughness, WATER_ROUGHNESS.x), WATER_ROUGHNESS.y * roughness, soaks);
+    roughness = mix(roughness, mix(smoothed, WATER_ROUGHNESS.z, pool), film);
+    surface.z = mix(surface.z, max(surface.z, WATER_SPECULAR), max(film * (1.0 - soaks), pool));
+    normal = normalize(mix(normal, face, max(film * WATER_FILLS * (1.0 - soaks), pool)) + vec3(water.ripples * pool, 0.0));
     film = max(film * (1.0 - soaks), pool);
 #endif
 #ifdef SNOW
     if (is_static) {
         // Melt water wets the bare tracks. Snow stands higher than the bare ground at its edge, and shades it.
-        float damp = traffic * (1.0 - snow.cover) * snow.dirt * smoothstep(0.0, 0.02, snow_depth);
-        albedo *= mix(1.0, 0.55, damp) * (1.0 - 0.35 * snow.shore);
-        roughness = mix(roughness, 0.4, 0.7 * damp);
-        albedo = mix(albedo, mix(SNOW_ALBEDO, vec3(0.36, 0.34, 0.32), snow.dirt), snow.cover);
-        roughness = mix(roughness, 0.8, snow.cover);
+        float damp = traffic * (1.0 - snow.cover) * snow.dirt * smoothstep(0.0, SNOW_DAMP, snow_depth);
+        albedo *= mix(1.0, SNOW_DAMP_ALBEDO, damp) * (1.0 - SNOW_SHADES * snow.shore);
+        roughness = mix(roughness, SNOW_DAMP_ROUGHNESS.x, SNOW_DAMP_ROUGHNESS.y * damp);
+        albedo = mix(albedo, mix(SNOW_WHITE, SNOW_SLUSH, snow.dirt), snow.cover);
+        roughness = mix(roughness, SNOW_ROUGHNESS, snow.cover);
         metallic *= 1.0 - snow.cover;
-        surface.z = mix(surface.z, 0.5, snow.cover);
+        surface.z = mix(surface.z, SNOW_SPECULAR, snow.cover);
         surface.w *= 1.0 - snow.cover;
         translucency *= 1.0 - snow.cover;
         normal = normalize(mix(normal, snow.normal, snow.cover));

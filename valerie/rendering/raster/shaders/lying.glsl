@@ -1,11 +1,11 @@
-// Snow and fallen leaves on static surfaces that face up. They have no thickness: depth and labels stay those of the surface.
+// Snow (with the constants of surface_constants.py) and fallen leaves on static surfaces that face up. They have no thickness: depth and labels stay those of the surface.
 uniform float snow_depth;           // metres
 uniform float leaf_litter;          // covered share of level ground
 
 #ifdef LEAVES
 // Share of the leaves on a surface that wheels and feet remove: where they have polished it. Markings are smooth too, but bright.
 float swept(float traffic, float roughness, vec3 albedo) {
-    return traffic * (1.0 - smoothstep(0.79, 0.87, roughness)) * (1.0 - smoothstep(0.16, 0.26, albedo.g));
+    return traffic * (1.0 - smoothstep(0.79, 0.87, roughness)) * (1.0 - smoothstep(SNOW_MARKING.x, SNOW_MARKING.y, albedo.g));
 }
 #endif
 
@@ -32,40 +32,40 @@ struct Snow {
 // Snow on a face. Its patches have random borders; over large areas their mean is tanh(depth / 25 mm), see weather.py, since the
 // noise is turned into evenly distributed ranks. The same noise bends the surface, so that borders and dunes have a height.
 Snow snow_at(vec3 p, vec3 face, float open, float traffic, float roughness, vec3 albedo, float grain) {
-    const vec4 LENGTHS = vec4(1.6, 0.4, 0.1, 0.03), WEIGHTS = vec4(0.36, 0.27, 0.2, 0.17);
     float height = 0.0, spread = 0.0, visible = 0.0;
     vec2 dunes = vec2(0.0), border = vec2(0.0);
     for (int i = 0; i < 4; ++i) {
-        float weight = WEIGHTS[i] * seen(LENGTHS[i], grain);
-        vec3 layer = relief(p.xy / LENGTHS[i], float(i));
+        float weight = SNOW_WEIGHTS[i] * seen(SNOW_LENGTHS[i], grain);
+        vec3 layer = relief(p.xy / SNOW_LENGTHS[i], float(i));
         height += weight * (layer.x - 0.5);
-        border += weight / LENGTHS[i] * layer.yz;
+        border += weight / SNOW_LENGTHS[i] * layer.yz;
         dunes += weight * layer.yz;
         spread += weight * weight;
         visible += weight;
     }
     // Tyres polish asphalt, but less than oil and bitumen are smooth. Markings are bright. Tracks have ragged edges.
-    float polish = roughness - 0.04 * height, driven = traffic * smoothstep(0.745, 0.77, roughness);
-    float worn = driven * (1.0 - smoothstep(0.785, 0.81, polish)) * (1.0 - smoothstep(0.16, 0.26, albedo.g));
+    float polish = roughness - SNOW_RAGGED.y * height, driven = traffic * smoothstep(SNOW_DRIVEN.x, SNOW_DRIVEN.y, roughness);
+    float worn = driven * (1.0 - smoothstep(SNOW_TRACK.x, SNOW_TRACK.y, polish));
+    worn *= 1.0 - smoothstep(SNOW_MARKING.x, SNOW_MARKING.y, albedo.g);
     // Snow slides off steep surfaces and does not fall below others. Traffic compacts it.
-    float slope = smoothstep(0.5, 0.85, face.z + 0.5 * height * (1.0 - face.z));
-    float depth = snow_depth * slope * open * (1.0 - 0.5 * traffic) * (1.0 - 0.94 * worn);
-    float cover = 1.0 - 2.0 / (exp(2.0 * depth / 0.025) + 1.0);
-    // The standard deviation of a layer is 0.21. The logistic curve is that of a normal distribution within 0.01.
-    float steep = 1.702 / (0.21 * sqrt(max(spread, 1e-6)));
+    float slope = smoothstep(SNOW_SLOPE.x, SNOW_SLOPE.y, face.z + SNOW_RAGGED.x * height * (1.0 - face.z));
+    float depth = snow_depth * slope * open * (1.0 - SNOW_TAKEN.x * traffic) * (1.0 - SNOW_TAKEN.y * worn);
+    float cover = 1.0 - 2.0 / (exp(2.0 * depth / SNOW_COVERING) + 1.0);
+    // The logistic curve is that of a normal distribution within 0.01.
+    float steep = 1.702 / (RELIEF_DEVIATION * sqrt(max(spread, 1e-6)));
     float rank = 1.0 / (1.0 + exp(-steep * height));
     // Within [0, 1], a border of any softness keeps the mean.
-    float soft = max(min(0.2, min(cover, 1.0 - cover)), 1e-4), inside = (cover - rank) / soft;
+    float soft = max(min(SNOW_SOFT, min(cover, 1.0 - cover)), 1e-4), inside = (cover - rank) / soft;
     float sharp = mix(cover, smoothstep(-1.0, 1.0, inside), min(visible, 1.0));
     // Towards a border the snow thins out: a slope towards higher ranks, of a layer some centimetres thick.
-    float edge = 1.0 - min(inside * inside, 1.0), thickness = min(0.5 * depth, 0.02);
+    float edge = 1.0 - min(inside * inside, 1.0), thickness = min(0.5 * depth, SNOW_THICKNESS);
     vec2 fall = border * (edge * thickness * steep * rank * (1.0 - rank) / soft);
-    fall *= min(1.0, 1.2 / max(length(fall), 1e-4));
-    vec3 rounded = normalize(mix(face, vec3(0.0, 0.0, 1.0), 0.35 * sharp));
-    vec2 bumps = dunes * (0.35 + 0.35 * traffic);
-    float slush = driven * (1.0 - smoothstep(0.80, 0.90, polish));
+    fall *= min(1.0, SNOW_STEEPEST / max(length(fall), 1e-4));
+    vec3 rounded = normalize(mix(face, vec3(0.0, 0.0, 1.0), SNOW_ROUNDS * sharp));
+    vec2 bumps = dunes * (SNOW_DUNES.x + SNOW_DUNES.y * traffic);
+    float slush = driven * (1.0 - smoothstep(SNOW_SLUSHY.x, SNOW_SLUSHY.y, polish));
     return Snow(
-        sharp, clamp(max(0.12 * traffic, 0.4 * slush) + worn, 0.0, 1.0),
+        sharp, clamp(max(SNOW_DIRT.x * traffic, SNOW_DIRT.y * slush) + worn, 0.0, 1.0),
         (1.0 - sharp) * smoothstep(-3.0, -1.0, inside) * min(visible, 1.0), normalize(rounded + vec3(fall - bumps, 0.0)));
 }
 #endif

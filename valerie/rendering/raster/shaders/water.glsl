@@ -1,4 +1,4 @@
-// Rain water on surfaces that face up. It has no thickness: depth and labels stay those of the surface.
+// Rain water on surfaces that face up, with the constants of surface_constants.py. It has no thickness: depth and labels stay those of the surface.
 uniform float wetness;              // of surfaces that face up, 0 dry … 1 wet
 
 struct Water {
@@ -10,10 +10,14 @@ struct Water {
 // Water at a place. ``soaks`` of what falls sinks in. Water stands in hollows some metres wide and in the ruts that tyres polish,
 // and on soil only in the deepest hollows.
 Water water_at(vec3 p, vec3 face, float soaks, float roughness, float grain) {
-    float film = wetness * smoothstep(0.7, 0.95, face.z);
-    vec3 broad = relief(p.xy / 3.1, 40.0), narrow = relief(p.xy / vec2(0.8, 1.1), 41.0), fine = relief(p.xy / 0.06, 42.0);
-    float hollow = 0.62 * broad.x + 0.30 * narrow.x + 0.08 * fine.x + 0.10 * (1.0 - smoothstep(0.78, 0.88, roughness));
-    float level = 0.72 - 0.14 * wetness + 0.2 * soaks;
-    float pool = smoothstep(level - 0.04, level + 0.06, hollow) * smoothstep(0.97, 0.995, face.z);
-    return Water(film, pool * film, 0.012 * seen(0.06, grain) * fine.yz);
+    float film = wetness * smoothstep(WATER_WETS.x, WATER_WETS.y, face.z);
+    vec3 broad = relief(p.xy / WATER_BROAD, 40.0), narrow = relief(p.xy / WATER_NARROW, 41.0);
+    vec3 fine = relief(p.xy / WATER_FINE, 42.0);
+    vec4 weights = WATER_WEIGHTS;
+    float rut = 1.0 - smoothstep(WATER_RUTS.x, WATER_RUTS.y, roughness);
+    float hollow = weights.x * broad.x + weights.y * narrow.x + weights.z * fine.x + weights.w * rut;
+    float level = WATER_LEVEL.x + WATER_LEVEL.y * wetness + WATER_LEVEL.z * soaks;
+    float pool = smoothstep(level + WATER_SHORE.x, level + WATER_SHORE.y, hollow);
+    pool *= smoothstep(WATER_STANDS.x, WATER_STANDS.y, face.z);
+    return Water(film, pool * film, WATER_RIPPLES * seen(WATER_FINE.x, grain) * fine.yz);
 }

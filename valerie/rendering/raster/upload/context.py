@@ -14,13 +14,14 @@ import moderngl
 from valerie.errors import MissingDependency, RenderingError
 from valerie.rendering.numeric import numeric_class
 from valerie.rendering.raster.upload.scenes import SceneStore
+from valerie.rendering.surface_constants import glsl_constants
 
 _SHADERS: Final = files("valerie.rendering.raster") / "shaders"
 _INCLUDE: Final = re.compile(r'^#include "([a-z_]+\.glsl)"$', re.MULTILINE)
 
 
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
-    """Return the source of a shader, with its includes inserted and ``defines`` set, ready to compile.
+    """Return the source of a shader, with its includes, ``defines`` and the constants of surfaces, ready to compile.
 
     Args:
         name: file name in ``shaders/`` without ``.glsl``, e.g. ``lighting.frag``.
@@ -29,7 +30,7 @@ def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
     text = (_SHADERS / f"{name}.glsl").read_text("utf-8")
     text = _INCLUDE.sub(lambda match: (_SHADERS / match.group(1)).read_text("utf-8"), text)
     head = "".join(f"#define {symbol} {value}\n" for symbol, value in (defines or {}).items())
-    return f"#version 430 core\n{head}{text}"
+    return f"#version 430 core\n{head}{glsl_constants()}{text}"
 
 
 class GraphicsContext:

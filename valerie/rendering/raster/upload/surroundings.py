@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from valerie.rendering.projection import Points
 from valerie.rendering.sky import SNOW_ALBEDO, Sky
+from valerie.rendering.surface_constants import SNOW_SLOPE, SNOW_TAKEN
 from valerie.scene.light.weather import COVERING_M
 
 #: Number of sampled places on the statics.
@@ -221,8 +222,9 @@ def snowed(albedo: Points, upward: Points, traffic: Points, depth: float) -> Poi
     """
     if depth <= 0:
         return albedo
-    slope = np.clip((upward - 0.5) / 0.35, 0.0, 1.0)
-    lying = depth * slope * slope * (3.0 - 2.0 * slope) * (1.0 - 2.0 / 3.0 * traffic)
+    (low, high), (*_, taken) = SNOW_SLOPE, SNOW_TAKEN
+    slope = np.clip((upward - low) / (high - low), 0.0, 1.0)
+    lying = depth * slope * slope * (3.0 - 2.0 * slope) * (1.0 - taken * traffic)
     covered = np.tanh(lying / COVERING_M)[:, None]
     result: Points = albedo + covered * (SNOW_ALBEDO - albedo)
     return result
