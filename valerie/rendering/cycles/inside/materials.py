@@ -43,8 +43,10 @@ class Materials:
         for key in textures:
             self._data.images.remove(self._textures.pop(key))
 
-    def show(self, light: Message) -> None:
-        """Apply the water, the snow and the air of ``light`` to all materials."""
+    def show(self, light: Message, pixel: float) -> None:
+        """Apply the water, the snow and the air of ``light`` to all materials. ``pixel`` is a pixel's size at 1 m, in metres."""
+        for cover in (self._water, self._snow):
+            cover.nodes["pixel"].outputs[0].default_value = pixel
         self._snow.nodes["depth"].outputs[0].default_value = light["snow_depth"]
         self._water.nodes["wetness"].outputs[0].default_value = light["wetness"]
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]

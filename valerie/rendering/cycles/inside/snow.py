@@ -7,7 +7,7 @@ from typing import Any
 
 from .nodes import new_group
 from .pipe import Message
-from .terms import Term, relief, vector
+from .terms import Grain, Term, relief, vector
 from .water import DRY, SURFACE
 
 
@@ -27,13 +27,14 @@ def snow_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
     fallen = Term(nodes, nodes.add("ShaderNodeValue", "depth").outputs[0])
 
     height: Any = 0.0
-    dunes: Any = vector(nodes)
-    border: Any = vector(nodes)
-    for image, length, weight in zip(reliefs, c["SNOW_LENGTHS"], c["SNOW_WEIGHTS"], strict=True):
+    spread: Any = 1e-6
+    visible: Any = 0.0
+    dunes, border, grain = vector(nodes), vector(nodes), Grain(nodes)
+    for image, length, share in zip(reliefs, c["SNOW_LENGTHS"], c["SNOW_WEIGHTS"], strict=True):
         level, slopes = relief(nodes, image, position, (length, length))
-        height = (level - 0.5) * weight + height
-        dunes, border = dunes + slopes * weight, border + slopes * (weight / length)
-    spread = c["RELIEF_DEVIATION"] * sum(weight**2 for weight in c["SNOW_WEIGHTS"]) ** 0.5
+        weight = grain.seen(length) * share
+        height, spread, visible = (level - 0.5) * weight + height, weight * weight + spread, weight + visible
+        dunes, border = dunes + slopes * weight, border + slopes * weight * (1.0 / length)
     by_slope, by_roughness = c["SNOW_RAGGED"]
     # Tyres polish asphalt, but less than oil and bitumen are smooth. Markings are bright. Tracks have ragged edges.
     polish, driven = dry_rough - height * by_roughness, traffic * dry_rough.step(*c["SNOW_DRIVEN"])
@@ -43,11 +44,12 @@ def snow_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
     depth = fallen * slope * (1.0 - traffic * everywhere) * (1.0 - worn * from_tracks)
     cover = (depth * (1.0 / c["SNOW_COVERING"])).of("TANH")
     # The logistic curve is that of a normal distribution within 0.01.
-    steep = 1.702 / spread
-    rank = 1.0 / ((height * -steep).of("EXPONENT") + 1.0)
+    steep = 1.702 / (spread.of("SQRT") * c["RELIEF_DEVIATION"])
+    rank = 1.0 / ((height * steep * -1.0).of("EXPONENT") + 1.0)
     soft = cover.of("MINIMUM", 1.0 - cover).of("MINIMUM", c["SNOW_SOFT"]).of("MAXIMUM", 1e-4)
     inside = (cover - rank) / soft
-    snow = inside.step(-1.0, 1.0)
+    visible = visible.of("MINIMUM", 1.0)
+    snow = cover.to(inside.step(-1.0, 1.0), visible)
     # Towards a border the snow thins out: a slope towards higher ranks.
     edge, thickness = 1.0 - (inside * inside).of("MINIMUM", 1.0), (depth * 0.5).of("MINIMUM", c["SNOW_THICKNESS"])
     fall = border * (edge * thickness * rank * (1.0 - rank) * steep / soft)
@@ -61,7 +63,7 @@ def snow_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
 
     # Melt water wets the bare tracks. Snow stands higher than the bare ground at its edge, and shades it.
     damp = traffic * (1.0 - snow) * dirt * fallen.step(0.0, c["SNOW_DAMP"])
-    shore = (1.0 - snow) * inside.step(-3.0, -1.0)
+    shore = (1.0 - snow) * inside.step(-3.0, -1.0) * visible
     bare = color * (1.0 - damp * (1.0 - c["SNOW_DAMP_ALBEDO"])) * (1.0 - shore * c["SNOW_SHADES"])
     white = Term(nodes, nodes.color(c["SNOW_WHITE"])).to(tuple(c["SNOW_SLUSH"]), dirt)
     damp_roughness, share = c["SNOW_DAMP_ROUGHNESS"]

@@ -98,7 +98,9 @@ class Studio:
         self._settings(header["settings"], header["size"], header["border"])
         self._camera_at(header["camera"])
         self._objects_at(header["objects"], arrays["matrices"])
-        self._light_at(header["light"], header["sky"], arrays.get("sky"))
+        camera = header["camera"]
+        pixel = camera["sensor_width_mm"] / (camera["focal_length_mm"] * header["size"][0])
+        self._light_at(header["light"], header["sky"], arrays.get("sky"), pixel)
         self._light.lamps(header["lamps"])
         if header.get("index"):
             return {}, {"index": self._film.index(self._scene)}
@@ -220,9 +222,9 @@ class Studio:
             thing.matrix_world = matrix_of(matrix)
             self._objects[name] = (thing, state)
 
-    def _light_at(self, light: Message, sky: Message, panorama: Any) -> None:
-        state = (light, sky, None if panorama is None else panorama.tobytes())
+    def _light_at(self, light: Message, sky: Message, panorama: Any, pixel: float) -> None:
+        state = (light, sky, pixel, None if panorama is None else panorama.tobytes())
         if self._lighting != state:
             self._light.show(light, sky, panorama)
-            self._materials.show(light)
+            self._materials.show(light, pixel)
             self._lighting = state

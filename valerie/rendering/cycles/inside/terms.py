@@ -32,13 +32,13 @@ class Term:
         return self.of("SUBTRACT", other)
 
     def __rsub__(self, other: Any) -> Term:
-        return self * -1.0 + other
+        return (self * -1.0).of("ADD", other)
 
     def __truediv__(self, other: Any) -> Term:
         return self.of("DIVIDE", other)
 
     def __rtruediv__(self, other: float) -> Term:
-        return self.of("POWER", -1.0) * other
+        return self.of("POWER", -1.0).of("MULTIPLY", other)
 
     def __getattr__(self, axis: str) -> Term:
         """Return a component: x, y or z."""
@@ -48,7 +48,8 @@ class Term:
         self._nodes.link(self.output, parts.inputs[0])
         for name in ("x", "y", "z"):
             setattr(self, name, Term(self._nodes, parts.outputs[name.upper()]))
-        return self.__dict__[axis]
+        part: Term = self.__dict__[axis]
+        return part
 
     def dot(self, other: Any) -> Term:
         return Term(self._nodes, self._nodes.dot(self.output, getattr(other, "output", other)))
@@ -65,7 +66,7 @@ class Term:
 
     def to(self, other: Any, share: Any) -> Term:
         """Return the linear blend with another term, whose share is ``share``."""
-        return (self * -1.0 + other) * share + self
+        return (self * -1.0).of("ADD", other).of("MULTIPLY", share) + self
 
 
 def vector(nodes: Nodes, *parts: Any) -> Term:
@@ -73,6 +74,21 @@ def vector(nodes: Nodes, *parts: Any) -> Term:
     node = nodes.add("ShaderNodeCombineXYZ")
     nodes.feed(node, [getattr(part, "output", part) for part in parts])
     return Term(nodes, node.outputs[0])
+
+
+class Grain:
+    """Metres of ground that a pixel covers along the view. Shorter details are replaced by their mean (``relief.glsl``)."""
+
+    def __init__(self, nodes: Nodes) -> None:
+        geometry = nodes.add("ShaderNodeNewGeometry").outputs
+        facing = Term(nodes, geometry["Normal"]).dot(geometry["Incoming"]).of("ABSOLUTE").of("MAXIMUM", 0.05)
+        depth = Term(nodes, nodes.add("ShaderNodeCameraData").outputs["View Z Depth"]).of("ABSOLUTE")
+        # A pixel at a depth of 1 m.
+        self._length: Term = depth * nodes.add("ShaderNodeValue", "pixel").outputs[0] / facing
+
+    def seen(self, length: float) -> Term:
+        """Return the share of details of a length, in metres, that shows."""
+        return 1.0 - self._length.step(0.25 * length, length)
 
 
 def relief(nodes: Nodes, image: Any, position: Term, lengths: Any) -> tuple[Term, Term]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from .nodes import new_group
 from .pipe import Message
-from .terms import Term, relief
+from .terms import Grain, Term, relief
 
 #: What a cover reads and changes of a surface. What it reads as "Dry" is that of the surface without any cover.
 SURFACE = {
@@ -43,6 +43,8 @@ def water_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
     level = wetness * wetter + soaks * soaking + sealed_level
     pool = (hollow - level).step(*c["WATER_SHORE"]) * face.z.step(*c["WATER_STANDS"]) * film
 
+    ripples = slopes * Grain(nodes).seen(c["WATER_FINE"][0]) * c["WATER_RIPPLES"]
+
     smooth, on_soil, still = c["WATER_ROUGHNESS"]
     mirrors = (film * sealed).of("MAXIMUM", pool)
     filled = (film * sealed * c["WATER_FILLS"]).of("MAXIMUM", pool)
@@ -53,7 +55,7 @@ def water_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
         "Roughness": rough.to(rough.of("MINIMUM", smooth).to(rough * on_soil, soaks).to(still, pool), film),
         "Specular IOR Level": specular.to(shining, mirrors),
         "Metallic": metallic,
-        "Normal": (normal.to(face, filled) + slopes * pool * c["WATER_RIPPLES"]).of("NORMALIZE"),
+        "Normal": (normal.to(face, filled) + ripples * pool).of("NORMALIZE"),
     }
     for name, term in changed.items():
         nodes.link(term.output, result[name])
