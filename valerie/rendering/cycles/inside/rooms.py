@@ -26,7 +26,7 @@ def behind_pane(nodes: Nodes, image: Any, rooms: Message, constants: Message, *,
         image: the pictures of the rooms, sRGB values without conversion.
         rooms: number of cells, width and depth, see `valerie.scene.graph.model.Rooms`. The mesh has the attributes ``right`` and
             ``down``, the sides of a cell.
-        lit: whether the lamps are on.
+        lit: the lamps are on.
     """
     front, cells = constants["ROOM_FRONT"], rooms["cells"]
     geometry = nodes.add("ShaderNodeNewGeometry").outputs
