@@ -238,7 +238,7 @@ class Product(Base):
 
 
 class OwnerTurn(Base):
-    """How far a queue has served the products of an owner; see `valerie.db.products.claim_next`."""
+    """How far a queue has served the products of an owner; see `valerie.db.claiming.claim_next`."""
 
     __tablename__ = "owner_turns"
 

@@ -8,10 +8,10 @@ from typing import TypedDict, Unpack
 
 from sqlalchemy import Connection, Update, func, insert, select, update
 
+from valerie.db.links import links_of
 from valerie.db.models import Product, StudyBatch
 from valerie.db.models import Study as StudyTable
 from valerie.db.rows import columns_of, read_all, read_first
-from valerie.db.runs import links_of
 from valerie.db.statements import Seen, insert_ignoring, newest_first, within
 from valerie.errors import NotFound
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState

@@ -22,7 +22,7 @@ from services.api.openapi import document_body, example, gives, problems
 from services.api.schemas.base import CAMERAS, DIGEST
 from services.api.schemas.runs import SPEC, Failure, Progress, RelativeRead, RunDetail, RunPage, RunRead
 from services.api.transfer import IfNoneMatch, send_page
-from valerie.db import marks, results, runs
+from valerie.db import marks, results, runs, variants
 from valerie.db.archives import reading_run
 from valerie.db.engine import database_moment, reading
 from valerie.errors import InvalidInput
@@ -243,7 +243,7 @@ def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> l
 def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
     with reading_run(context.engine, run_id) as connection:
         runs.require(connection, run_id)
-        return runs.rejections(connection, run_id)
+        return variants.rejections(connection, run_id)
 
 
 @router.get(

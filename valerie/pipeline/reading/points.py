@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from valerie.analysis.rows.frame_counts import ABSENT
-from valerie.db import long_table, runs
+from valerie.db import long_table, runs, variants
 from valerie.db.archives import reading_run
 from valerie.db.long_table import Point
 from valerie.db.models import Assignment
@@ -140,7 +140,7 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
         share = min(1.0, limit / max(evaluated * max(len(resolved.manifest.persons), 1), 1))
         stored = column if column in long_table.COLUMNS else None
         rows = long_table.points(connection, run_id, stored, share=share)
-        assignments = runs.assignments(connection, run_id, {row.variant_index for row in rows})
+        assignments = variants.assignments(connection, run_id, {row.variant_index for row in rows})
     spec = resolved.spec
     points = ScatterPoints(
         column=column,

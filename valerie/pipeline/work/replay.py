@@ -10,9 +10,10 @@ from obstore.store import MemoryStore
 
 from valerie.db import frames, measured, results, runs
 from valerie.db.archives import reading_run
+from valerie.db.claiming import EvaluationLink, Job
 from valerie.db.frames import AnnotationLink
 from valerie.db.measured import FrameScore
-from valerie.db.products import EvaluationLink, Finished, Job
+from valerie.db.publishing import Finished
 from valerie.db.results import FrameEvaluation
 from valerie.errors import MissingInput, NotFound, ValerieError
 from valerie.measures import Cell
