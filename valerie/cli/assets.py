@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 import typer
 
 from valerie.cli.shell import AsJson, Exit, say
+from valerie.cli.specs import number_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
@@ -18,7 +19,6 @@ from valerie.local.terminal import command_name, console
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from valerie.parameters.definitions import Value
     from valerie.scene.assets.asset import AssetArguments, AssetReference, SceneAsset
     from valerie.scene.variation.traverse import PathEntry
 
@@ -263,7 +263,7 @@ def _table(entries: Sequence[PathEntry], *, declared: bool) -> Table:
     if not declared:
         table.add_column("varies", no_wrap=True)
     for entry in entries:
-        cells = [entry.path, str(entry.type), _range(entry), entry.unit, _value(entry.value)]
+        cells = [entry.path, str(entry.type), _range(entry), entry.unit, number_text(entry.value)]
         if not declared:
             cells.append("yes" if entry.declared else "")
         table.add_row(*cells, style="" if entry.declared else "dim")
@@ -289,8 +289,4 @@ def _range(entry: PathEntry) -> str:
     low, high = entry.minimum, entry.maximum
     if low is None and high is None:
         return ""
-    return f"{'−∞' if low is None else _value(low)} … {'∞' if high is None else _value(high)}"
-
-
-def _value(value: Value) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{'−∞' if low is None else number_text(low)} … {'∞' if high is None else number_text(high)}"

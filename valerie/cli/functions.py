@@ -17,7 +17,7 @@ from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
-    from valerie.client import Function, NoTrial, Trial
+    from valerie.answers import Function, NoTrial, Trial
     from valerie.metrics.collection import CollectionScores
 
 #: Most predicted classes that are listed for a true one.
@@ -297,7 +297,7 @@ def _show_scores(scores: CollectionScores) -> None:
 
 
 def _trial_text(check: Trial | NoTrial | None) -> str:
-    from valerie.client import NoTrial
+    from valerie.answers import NoTrial
 
     if check is None:
         return ""

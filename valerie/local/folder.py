@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from valerie.client import (
+from valerie.answers import (
     Failure,
     Frame,
     Progress,

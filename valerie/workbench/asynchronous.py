@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.client import Progress
-from valerie.runs.forecasting.forecast import Plan
+from valerie.answers import Progress
+from valerie.runs.forecasting.plan import Plan
 from valerie.workbench.workbench import POLL, Frame, Run, Spec, Workbench
 
 

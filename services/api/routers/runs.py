@@ -32,7 +32,7 @@ from valerie.pipeline.control.archiving import archive_run, restore_rows
 from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
-from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.moments import Moment, moment_text
 from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec, parse

@@ -19,7 +19,8 @@ from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.control import quotas
 from valerie.pipeline.functions import registry
 from valerie.runs.forecasting.costs import Cost, CostKey, CostTable
-from valerie.runs.forecasting.forecast import EXACT_FRAMES, Plan, plan
+from valerie.runs.forecasting.forecast import EXACT_FRAMES, plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.products.pins import Pins, TolerantPins, numeric_classes
 from valerie.runs.products.states import EVAL_QUEUE, ProductKind
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
