@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide, write_output
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide, print_json, write_output
 from valerie.errors import InvalidInput, NotFound, UnknownName
 from valerie.local.terminal import console
 from valerie.plain import typed
@@ -142,7 +142,7 @@ def gate(
     files.write(result)
     code = decide(Exit.OK if result.passed else Exit.GATE_FAILED)
     if as_json:
-        typer.echo(json.dumps(result.to_json(), ensure_ascii=False))
+        print_json(result.to_json())
     else:
         for part in renderables(result):
             console().print(part)
@@ -174,7 +174,7 @@ def _say_places(run: GateRun, versions: BaselineOptions, deviation: float | None
     effect = versions.effect
     needs = places_before(run, function=versions.function, effect=effect, deviation=deviation)
     if as_json:
-        typer.echo(json.dumps(list(map(asdict, needs)), ensure_ascii=False))
+        print_json(list(map(asdict, needs)))
         return
     for need in needs:
         takes = "more places than any run has" if need.needed is None else f"{need.needed:,} places"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, RunId, RunIds, Url, require_format, save, write_output
+from valerie.cli.shell import AsJson, DataDir, RunId, RunIds, Url, print_json, require_format, save, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import console
@@ -189,7 +188,7 @@ def compare(
     if output is not None and output.suffix != ".html":
         write_output(output, contents(comparison, output.suffix))
     if as_json:
-        typer.echo(json.dumps(comparison.to_json(), ensure_ascii=False))
+        print_json(comparison.to_json())
         return
     for part in renderables(comparison):
         console().print(part)

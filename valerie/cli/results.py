@@ -30,14 +30,10 @@ def findings(run_ids: RunIds, as_json: AsJson = False, data_dir: DataDir = None)
     from valerie.analysis.summary.text import summary_renderable
     from valerie.answers import RunSummary
     from valerie.cli.following import show_first
-    from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
+    from valerie.pipeline.base.run_artifacts import SUMMARY, read_artifact
 
     with context_of(data_dir) as context:
-        text = (
-            _together(context, run_ids)
-            if len(run_ids) > 1
-            else context.store.get(artifact_key(context, run_ids[0], SUMMARY)).decode()
-        )
+        text = _together(context, run_ids) if len(run_ids) > 1 else read_artifact(context, run_ids[0], SUMMARY).decode()
     if as_json:
         typer.echo(text)
         return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ import typer
 
 from valerie.cli.option_documents import takes_documents
 from valerie.cli.registering import Remote, open_registry
-from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, save, say
+from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, print_json, save, say
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -213,7 +212,7 @@ def status(
         run, progress = source.run(run_id), source.progress(run_id)
         if json_lines:
             document = {"run": run.id, "name": run.name, **progress.model_dump(mode="json")}
-            typer.echo(json.dumps(document, ensure_ascii=False))
+            print_json(document)
             return
         out = console()
         show_verdicts(source, run_id, progress)

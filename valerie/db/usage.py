@@ -43,12 +43,8 @@ def unfinished(connection: Connection, *, owner: str | None = None, project: str
     columns = Run.variant_count, Run.forecast, Run.progress
     query = select(*columns).where(Run.state.in_(ACTIVE), Run.id != besides, _held(Run, owner, project))
     rows = connection.execute(query).all()
-    rests = [rest(forecast, progress) for _, forecast, progress in rows]
-    return Unfinished(
-        len(rows),
-        sum(variants for variants, _, _ in rows),
-        Cost(sum(each.cpu_seconds for each in rests), sum(each.bytes for each in rests)),
-    )
+    ahead = Cost.total(rest(forecast, progress) for _, forecast, progress in rows)
+    return Unfinished(len(rows), sum(variants for variants, _, _ in rows), ahead)
 
 
 def rest(forecast: Cost | None, progress: Progress | None) -> Cost:
@@ -79,7 +75,7 @@ def made(connection: Connection, *, owner: str | None = None, project: str = "",
         if archive is not None:
             recent = finished_at is None or finished_at.timestamp() >= since
             costs.append(Cost(archive.cpu_seconds if recent else 0.0, archive.stored_bytes))
-    return Cost(sum(cost.cpu_seconds for cost in costs), sum(cost.bytes for cost in costs))
+    return Cost.total(costs)
 
 
 def unshared(connection: Connection, run: RunRow, *, since: float) -> Cost:

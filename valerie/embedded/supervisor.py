@@ -196,17 +196,12 @@ class Supervisor:
         self._note()
 
     def _prepare_stores(self) -> None:
-        from valerie.db.engine import open_database
-        from valerie.db.migrate import migrate
+        from valerie.db.migrate import migrate_url
         from valerie.storage import open_store
 
         settings = self._initial_settings
         open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint).check()
-        engine = open_database(settings.database_url)
-        try:
-            migrate(engine)
-        finally:
-            engine.dispose()
+        migrate_url(settings.database_url)
 
     def _add(self, name: str, arguments: Sequence[str], settings: Settings) -> None:
         command = Command(

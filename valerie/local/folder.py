@@ -98,15 +98,15 @@ class Folder:
 
     def summary(self, run_id: str) -> RunSummary:
         """Return summary, findings and verdicts of an ended run."""
-        from valerie.pipeline.base.run_artifacts import SUMMARY
+        from valerie.pipeline.base.run_artifacts import SUMMARY, read_artifact
 
-        return RunSummary.model_validate_json(self._artifact(run_id, SUMMARY))
+        return RunSummary.model_validate_json(read_artifact(self._context, run_id, SUMMARY))
 
     def report(self, run_id: str) -> bytes:
         """Return the self-contained HTML report of an ended run."""
-        from valerie.pipeline.base.run_artifacts import REPORT
+        from valerie.pipeline.base.run_artifacts import REPORT, read_artifact
 
-        return self._artifact(run_id, REPORT)
+        return read_artifact(self._context, run_id, REPORT)
 
     def annotations(self, run_id: str) -> tuple[str, ...]:
         """Return the kinds of annotations that the spec of a run requests."""
@@ -166,11 +166,6 @@ class Folder:
         from valerie.pipeline.control.studies.reporting import report
 
         return report(self._context, study_id).encode()
-
-    def _artifact(self, run_id: str, name: str) -> bytes:
-        from valerie.pipeline.base.run_artifacts import artifact_key
-
-        return self._context.store.get(artifact_key(self._context, run_id, name))
 
 
 def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:

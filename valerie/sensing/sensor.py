@@ -203,16 +203,11 @@ def seen_from(
     Raises:
         InvalidInput: The lens distorts and there is no focal length.
     """
-    x, y = np.arange(width, dtype=np.float64)[None, :], np.arange(height, dtype=np.float64)[:, None]
-    if not setting.distortion.identity:
-        if focal_length_mm is None:
-            raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
-        source = pixel_map(setting.distortion, width, height, focal_length_px(focal_length_mm, width))
-        x, y = source.x, source.y
-    column = np.clip(np.floor(x + 0.5), 0, width - 1)
-    row = np.clip(np.floor(y + 0.5), 0, height - 1)
-    flat: NDArray[np.intp] = (row * width + column).astype(np.intp)
-    return flat
+    if setting.distortion.identity:
+        return np.arange(height * width, dtype=np.intp).reshape(height, width)
+    if focal_length_mm is None:
+        raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
+    return pixel_map(setting.distortion, width, height, focal_length_px(focal_length_mm, width)).nearest()
 
 
 def read_lines(

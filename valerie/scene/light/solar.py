@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
+from valerie.parameters.paths import short_name
 from valerie.scene.graph.naming import SUN_PATH
 
 AZIMUTH: Final = f"{SUN_PATH}.azimuth"
@@ -137,6 +138,6 @@ def require_one_notation(paths: frozenset[str] | set[str], *, field: str = "") -
         raise InvalidInput(
             "the sun is given twice, by its angles and by time and place",
             field=field or angles[0],
-            value=", ".join(path.removeprefix("scene.") for path in (*angles, *clock)),
+            value=", ".join(short_name(path) for path in (*angles, *clock)),
             limit="one of the two notations",
         )
