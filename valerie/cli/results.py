@@ -56,7 +56,7 @@ def _together(context: Context, run_ids: list[str]) -> str:
 
 
 def say_differing(texts: Sequence[str]) -> None:
-    """Say what else than the site or the draw differs between runs that are taken together."""
+    """Name the differences, besides the site or the draw, between runs that are taken together."""
     if texts:
         say(f"No finding accounts for what differs: {'; '.join(texts)}.")
 

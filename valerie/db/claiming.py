@@ -79,7 +79,7 @@ _PACKET: Final = (
 
 
 def any_due(connection: Connection, route: str, *, now: float) -> bool:
-    """Return whether `claim_next` may find a product of a queue; unlike it, this locks and writes nothing."""
+    """Return True if `claim_next` may find a product of a queue. Unlike it, this locks and writes nothing."""
     return connection.execute(_ANY, {"route": route, "now": now}).first() is not None
 
 

@@ -32,7 +32,7 @@ class Unfinished(NamedTuple):
 
 
 def unfinished(connection: Connection, *, owner: str | None = None, project: str = "", besides: str = "") -> Unfinished:
-    """Return what an owner or a project has unfinished; also paused runs, which may go on by themselves.
+    """Return the unfinished runs of an owner or a project; paused ones count, since they may go on by themselves.
 
     Args:
         connection: to read with.

@@ -54,14 +54,10 @@ def page(
     return read_all(connection, query, VariantRow)
 
 
-def assignments(connection: Connection, run_id: str, variants: Set[int]) -> dict[int, Assignment]:
-    """Read the assignment of each of ``variants`` (indexes) of a run."""
-    if not variants:
-        return {}
-    rows = connection.execute(
-        select(Variant.index, Variant.assignment).where(
-            Variant.run_id == run_id, Variant.index.between(min(variants), max(variants)), Variant.rejection.is_(None)
-        )
-    )
+def assignments(connection: Connection, run_id: str, among: Set[int] | None = None) -> dict[int, Assignment]:
+    """Read index and assignment of the variants of a run that have frames; None: of all, else of those ``among`` some."""
+    query = select(Variant.index, Variant.assignment).where(Variant.run_id == run_id, Variant.rejection.is_(None))
+    if among is not None:
+        query = query.where(Variant.index.between(min(among, default=0), max(among, default=-1)))
     # By position: `index` is a method of every row.
-    return {index: assignment for index, assignment in rows if index in variants}
+    return {index: assignment for index, assignment in connection.execute(query) if among is None or index in among}

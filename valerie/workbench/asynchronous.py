@@ -81,7 +81,7 @@ class AsyncRun:
         return [AsyncFrame(frame) for frame in await asyncio.to_thread(self._run.frames, where)]
 
     async def findings(self) -> Findings:
-        """Return what an ended run shows."""
+        """Return the confirmed differences of an ended run, and its candidates."""
         return await asyncio.to_thread(self._run.findings)
 
     async def summary(self) -> Summary:
@@ -109,7 +109,7 @@ class AsyncFrame:
         self.id, self.sensor, self.rows, self.functions = frame.id, frame.sensor, frame.rows, frame.functions
 
     async def picture(self) -> NDArray[np.uint8]:
-        """Return what the functions are given: (H, W, 3) uint8 sRGB."""
+        """Return the picture that the functions are given: (H, W, 3) uint8 sRGB."""
         return await asyncio.to_thread(lambda: self._frame.picture)
 
     async def truth(self) -> NDArray[np.uint8]:

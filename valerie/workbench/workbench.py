@@ -159,7 +159,7 @@ class Run:
         return typed(Summary, self._source.summary(self.id).summary)
 
     def findings(self) -> Findings:
-        """Return what an ended run shows: confirmed differences, and candidates."""
+        """Return the confirmed differences of an ended run, and its candidates."""
         return typed(Findings, self._source.summary(self.id).findings)
 
     def verdicts(self) -> tuple[RequirementVerdict, ...]:

@@ -77,7 +77,7 @@ def factor_of(table: EvaluationTable, column: str) -> Factor:
 
 
 def unit_after(column: str, kind: str) -> str:
-    """Return what follows a number of a parameter; the world is in metres and degrees."""
+    """Return the unit after a number of a parameter; the world is in metres and degrees."""
     if kind == "ANGLE" or column.rpartition(".")[2] in _INCLINATIONS:
         return "°"
     return " m" if ".pos." in column else ""

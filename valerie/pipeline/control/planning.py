@@ -69,7 +69,7 @@ def plan_run(
 
 
 def forecast(connection: Connection, resolved: ResolvedRun, pins: Pins | None, tenant: str) -> Cost:
-    """Return what a run will take, from a sample that is examined within a second; costs that are guesses are left out."""
+    """Estimate the cost of a run from a sample, within a second. Costs that are guesses are left out."""
     return _planned(connection, resolved, pins, tenant, _FORECAST_FRAMES).known_cost
 
 

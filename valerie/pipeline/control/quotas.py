@@ -54,7 +54,7 @@ class Quota:
 
     @property
     def exhaustion(self) -> str | None:
-        """Why no run may go on, in words; None if there is room."""
+        """The reason, in words, why no run may go on; None if there is room."""
         if self.used < self.limit:
             return None
         if self.resource is Resource.CPU_HOURS:
@@ -67,7 +67,7 @@ class Quota:
         return None  # a run that has begun is counted
 
     def refusal(self, more: float) -> str | None:
-        """Why a run that takes ``more`` may not start, in words; None if it may."""
+        """Return the reason, in words, why a run that takes ``more`` may not start; None if it may."""
         total = self.used + self.forecast + more
         if self.exhaustion is not None or total <= self.limit:
             return self.exhaustion
