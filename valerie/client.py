@@ -216,9 +216,9 @@ class Client:
         """Start a study (YAML or JSON text)."""
         return self._read(Study, "POST", "/v1/studies", content=document, headers=_SPEC)
 
-    def studies(self, *, limit: int = 20) -> Iterator[Study]:
-        """Yield studies, newest first."""
-        for item in islice(self._pages("/v1/studies", page_size=min(limit, 100)), limit):
+    def studies(self) -> Iterator[Study]:
+        """Yield the newest studies, at most 20, newest first."""
+        for item in islice(self._pages("/v1/studies", page_size=20), 20):
             yield _validated(Study, item)
 
     def study(self, study_id: str) -> Study:
@@ -262,15 +262,8 @@ class Client:
         """Return the file of a registered function."""
         return self._send("GET", f"/v1/functions/{quote(reference)}/payload").content
 
-    def register_function(
-        self, texts: Mapping[str, str], payload: Path | None = None, *, filename: str | None = None
-    ) -> RegisteredFunction:
-        """Register a function.
-
-        Args:
-            texts: any of ``document``, ``name``, ``engine``, ``precision``.
-            filename: name of the file on the server; None for that of ``payload``.
-        """
+    def register_function(self, texts: Mapping[str, str], payload: Path | None = None) -> RegisteredFunction:
+        """Register a function with its file, if any, from any of ``document``, ``name``, ``engine``, ``precision``."""
         fields: list[tuple[str, Any]] = [(name, (None, text)) for name, text in texts.items()]
         # Converting and testing a large network may take minutes.
         timeout = httpx.Timeout(3600.0, connect=5.0)
@@ -278,7 +271,7 @@ class Client:
             response = self._send("POST", "/v1/functions", files=fields, timeout=timeout)
         else:
             with payload.open("rb") as stream:
-                fields.append(("payload", (filename or payload.name, stream)))
+                fields.append(("payload", (payload.name, stream)))
                 response = self._send("POST", "/v1/functions", files=fields, timeout=timeout)
         function = _validated(Function, response.json())
         return RegisteredFunction(function, response.status_code == httpx.codes.CREATED)

@@ -27,6 +27,10 @@ _EXIT: Final = {
 }
 
 
+#: Most kinds of errors that are listed.
+_SHOWN: Final = 5
+
+
 @dataclass(frozen=True, slots=True)
 class Patience:
     """Waiting times, seconds.
@@ -154,7 +158,7 @@ def _show_failures(client: Client, run_id: str, progress: Progress) -> None:
         out.print(line)
 
 
-def failure_lines(failures: list[Failure], *, limit: int = 5) -> list[str]:
+def failure_lines(failures: list[Failure]) -> list[str]:
     """Return one line for each kind of product and error, the most frequent first.
 
     Products that failed because an input failed are left out; the input has its own line.
@@ -169,8 +173,8 @@ def failure_lines(failures: list[Failure], *, limit: int = 5) -> list[str]:
     ranked = sorted(attempts.items(), key=lambda item: -len(item[1]))
     lines = [
         f"  {len(counts):,} × {kind}: {message} (after {max(counts)} attempts)"
-        for (kind, message), counts in ranked[:limit]
+        for (kind, message), counts in ranked[:_SHOWN]
     ]
-    if len(ranked) > limit:
-        lines.append(f"  … and {len(ranked) - limit} other errors; the report lists all")
+    if len(ranked) > _SHOWN:
+        lines.append(f"  … and {len(ranked) - _SHOWN} other errors; the report lists all")
     return lines

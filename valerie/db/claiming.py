@@ -32,6 +32,11 @@ class EvaluationLink:
     prediction: str
     empty: str | None = None
 
+    @classmethod
+    def of(cls, row: Any) -> EvaluationLink:
+        """Read the link from a row of an evaluation."""
+        return cls(row.sensor_index, row.function_index, row.prediction, row.empty)
+
 
 @dataclass(frozen=True, slots=True)
 class Job:
@@ -217,7 +222,7 @@ def _job(connection: Connection, digest: str, kind: ProductKind, attempts: int) 
         row = connection.execute(_EMPTY_JOB, {"digest": digest}).first()
     if row is None:
         return None
-    look = EvaluationLink(row.sensor_index, row.function_index, row.prediction, row.empty) if kind in _LOOKS else None
+    look = EvaluationLink.of(row) if kind in _LOOKS else None
     return Job(digest, kind, attempts, StoredFrame.of(row), look)
 
 

@@ -113,17 +113,17 @@ class Supervisor:
     so that a wrong version or a read-only folder is one clear error before any process starts.
     """
 
-    def __init__(self, settings: Settings, lock: running.Lock, *, workers: Sequence[str] = tuple(WORKERS)) -> None:
+    def __init__(self, settings: Settings, lock: running.Lock) -> None:
         """Prepare; nothing is started yet.
 
         Args:
-            settings: of the deployment; an explicit ``broker_url`` replaces the system's own Redis.
+            settings: of the deployment; an explicit ``broker_url`` replaces the system's own Redis. No worker starts without
+                a broker: workers join that ask the database.
             lock: the held lock of the data folder; released at the end.
-            workers: names in `WORKERS` to start. None starts without a broker: workers join that ask the database.
         """
         self._initial_settings = settings
         self._lock = lock
-        self._worker_names = tuple(workers) if settings.broker_url != NO_BROKER else ()
+        self._worker_names = tuple(WORKERS) if settings.broker_url != NO_BROKER else ()
         self._services: dict[str, Service] = {}
         self._guarding = threading.Lock()
         self._stop = threading.Event()

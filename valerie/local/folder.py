@@ -143,13 +143,13 @@ class Folder:
         ((name, product),) = find_annotations(self._context, key, [kind]).items()
         return npz(annotation_arrays(self._context, ProductReader(self._context.store), key.run_id, name, product))
 
-    def studies(self, *, limit: int = 20) -> list[Study]:
-        """Return studies, newest first."""
+    def studies(self) -> list[Study]:
+        """Return the newest studies, at most 20, newest first."""
         from valerie.db import studies
         from valerie.db.engine import reading
 
         with reading(self._context.engine) as connection:
-            return [_study(row) for row in studies.page(connection, limit=limit)]
+            return [_study(row) for row in studies.page(connection, limit=20)]
 
     def study(self, study_id: str) -> Study:
         """Return a study with its batches."""

@@ -78,7 +78,7 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
         for kind, link in annotations.items()
     ]
     for row in evaluations:
-        look = EvaluationLink(row.sensor_index, row.function_index, row.prediction, row.empty)
+        look = EvaluationLink.of(row)
         name = f"{run.spec.functions[look.function]} / {run.spec.sensors[look.sensor].name}"
         replayed.append(replay.compare(infer, Job(row.prediction, ProductKind.PREDICTION, 1, frame, look), name))
         if row.empty is not None:
