@@ -138,21 +138,19 @@ class Client:
     def runs(self, *, limit: int = 20, tag: str | None = None) -> Iterator[Run]:
         """Yield runs, newest first; with ``tag`` only those that carry it."""
         filters = {} if tag is None else {"tag": tag}
-        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100), **filters), limit):
-            yield _validated(Run, item)
+        return islice(self._pages(Run, "/v1/runs", page_size=min(limit, 100), **filters), limit)
 
     def quotas(self) -> list[Quota]:
         """Return the caller's quotas and those of its project; for the operator those of all that have runs."""
-        return [_validated(Quota, quota) for quota in self._send("GET", "/v1/quotas").json()]
+        return self._read_all(Quota, "GET", "/v1/quotas")
 
     def marks(self, run_id: str) -> list[Mark]:
         """Return the tags and notes on a run, its frames and its findings."""
-        return [_validated(Mark, mark) for mark in self._send("GET", f"/v1/runs/{run_id}/marks").json()]
+        return self._read_all(Mark, "GET", f"/v1/runs/{run_id}/marks")
 
     def put_mark(self, run_id: str, mark: Mark) -> list[Mark]:
         """Replace the tags and the note of a run, a frame or a finding; return all marks of the run."""
-        body = mark.model_dump(mode="json")
-        return [_validated(Mark, item) for item in self._send("PUT", f"/v1/runs/{run_id}/marks", json=body).json()]
+        return self._read_all(Mark, "PUT", f"/v1/runs/{run_id}/marks", json=mark.model_dump(mode="json"))
 
     def run(self, run_id: str) -> Run:
         """Return a run."""
@@ -168,8 +166,7 @@ class Client:
 
     def failures(self, run_id: str) -> list[Failure]:
         """Return the products of a run that failed for good, at most 1000."""
-        documents = self._send("GET", f"/v1/runs/{run_id}/failures", params={"limit": 1000}).json()
-        return [_validated(Failure, document) for document in documents]
+        return self._read_all(Failure, "GET", f"/v1/runs/{run_id}/failures", params={"limit": 1000})
 
     def summary(self, run_id: str) -> RunSummary:
         """Return summary, findings and verdicts of an ended run."""
@@ -218,8 +215,7 @@ class Client:
 
     def studies(self) -> Iterator[Study]:
         """Yield the newest studies, at most 20, newest first."""
-        for item in islice(self._pages("/v1/studies", page_size=20), 20):
-            yield _validated(Study, item)
+        return islice(self._pages(Study, "/v1/studies", page_size=20), 20)
 
     def study(self, study_id: str) -> Study:
         """Return a study with its batches."""
@@ -252,7 +248,7 @@ class Client:
 
     def functions(self) -> list[Function]:
         """Return the functions under test with their cards."""
-        return [_validated(Function, document) for document in self._send("GET", "/v1/functions").json()]
+        return self._read_all(Function, "GET", "/v1/functions")
 
     def function(self, reference: str) -> Function:
         """Return a function with its card and document."""
@@ -282,17 +278,16 @@ class Client:
 
     def frames(self, run_id: str) -> Iterator[Frame]:
         """Yield the frames of a run, in order."""
-        for item in self._pages(f"/v1/runs/{run_id}/frames", page_size=1000):
-            yield _validated(Frame, item)
+        return self._pages(Frame, f"/v1/runs/{run_id}/frames", page_size=1000)
 
     def picture(self, frame_id: str, *, sensor: str | None = None) -> bytes:
         """Return the picture of a frame as PNG."""
-        parameters = {"kind": "picture", **({"sensor": sensor} if sensor else {})}
+        parameters = {"kind": "picture", **_view(None, sensor)}
         return self._send("GET", f"/v1/frames/{frame_id}/image", params=parameters).content
 
     def labels(self, frame_id: str, *, function: str | None = None, sensor: str | None = None) -> bytes:
         """Return the label ids of a frame as PNG of 8 bits: the truth, or the prediction of a function."""
-        parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
+        parameters = _view(function, sensor)
         return self._send("GET", f"/v1/frames/{frame_id}/labels", params=parameters).content
 
     def annotation(self, frame_id: str, kind: str) -> bytes:
@@ -303,7 +298,7 @@ class Client:
         self, frame_id: str, data: bytes, *, function: str | None = None, sensor: str | None = None
     ) -> bool:
         """Upload the label map of a frame (PNG); return True if it is new."""
-        parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
+        parameters = _view(function, sensor)
         path = f"/v1/frames/{quote(frame_id)}/prediction"
         headers = {"Content-Type": "image/png"}
         return self._read(_Uploaded, "PUT", path, params=parameters, content=data, headers=headers).new
@@ -311,13 +306,16 @@ class Client:
     def _read(self, model: type[Model], method: str, path: str, **options: Any) -> Model:
         return _validated(model, self._send(method, path, **options).json())
 
-    def _pages(self, path: str, *, page_size: int, **filters: str) -> Iterator[object]:
+    def _read_all(self, model: type[Model], method: str, path: str, **options: Any) -> list[Model]:
+        return [_validated(model, item) for item in self._send(method, path, **options).json()]
+
+    def _pages(self, model: type[Model], path: str, *, page_size: int, **filters: str) -> Iterator[Model]:
         """Yield the items of all pages. A page is read when its first item is needed."""
         cursor: str | None = ""
         while cursor is not None:
             parameters: dict[str, str | int] = {"limit": page_size, **filters, **({"cursor": cursor} if cursor else {})}
             page = self._read(_Page, "GET", path, params=parameters)
-            yield from page.items
+            yield from (_validated(model, item) for item in page.items)
             cursor = page.next
 
     def _send(self, method: str, path: str, **options: Any) -> httpx.Response:
@@ -333,6 +331,11 @@ class Client:
 
 
 _SPEC = {"Content-Type": "application/yaml"}
+
+
+def _view(function: str | None, sensor: str | None) -> dict[str, str]:
+    """Return the query parameters of a frame's labels or picture."""
+    return {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
 
 
 def _address(url: str) -> str:
