@@ -7,18 +7,32 @@ from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import quote
 
 import httpx
-from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
+from pydantic import BaseModel, JsonValue, ValidationError
 
+from valerie.answers import (
+    Answer,
+    Failure,
+    Frame,
+    Function,
+    Mark,
+    NextBatch,
+    Progress,
+    Quota,
+    RegisteredFunction,
+    Run,
+    RunDetail,
+    RunSummary,
+    Study,
+)
 from valerie.errors import InvalidInput, TransientError, ValerieError
-from valerie.runs.moments import Moment
 from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
-    from valerie.runs.forecasting.forecast import Plan
+    from valerie.runs.forecasting.plan import Plan
 
 
 class ServerProblemError(ValerieError):
@@ -44,341 +58,23 @@ class ServerUnavailableError(TransientError):
     """No server answers at the address, or the connection broke."""
 
 
-class _Read(BaseModel):
-    # A newer server may send more fields.
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class StageProgress(_Read):
-    """Progress of one stage.
-
-    Attributes:
-        done, total, failed, running: numbers of products.
-        rate_per_s: products per second.
-        eta_s: remaining seconds; None while unknown.
-    """
-
-    done: int
-    total: int
-    failed: int
-    running: int
-    rate_per_s: float
-    eta_s: float | None = None
-
-
-class VariantProgress(_Read):
-    """Progress through the variants of a run.
-
-    Attributes:
-        total: variants of the spec.
-        fed: variants whose products have been queued.
-        rejected: variants that are impossible or violate a constraint.
-    """
-
-    total: int
-    fed: int
-    rejected: int
-
-
-class Progress(_Read):
-    """Progress of a run."""
-
-    state: str
-    reason: str | None = None
-    variants: VariantProgress
-    stages: dict[str, StageProgress]
-    outlook: str | None = None
-    updated_at: float | None = None
-
-
-class Run(_Read):
-    """A run in the server's list."""
-
-    id: str
-    name: str
-    state: str
-    reason: str | None = None
-    variant_count: int
-    rejected_count: int
-    tags: tuple[str, ...] = ()
-    archived: bool = False
-    deadline: Moment | None = None
-    created_at: Moment
-    started_at: Moment | None = None
-    finished_at: Moment | None = None
-
-
-class Quota(_Read):
-    """A quota of an owner or a project.
-
-    Attributes:
-        holder: the owner, or ``project NAME``.
-        resource: runs, variants, cpu-hours or gigabytes.
-        used, forecast: what counts for it now, and what unfinished runs will add.
-        limit: of both together.
-    """
-
-    holder: str
-    resource: str
-    used: float
-    forecast: float
-    limit: float
-
-
-class Mark(_Read):
-    """Tags and note of a run, a frame or a finding.
-
-    Attributes:
-        kind: run, frame or finding.
-        name: of a frame ``variant.camera.time``, of a finding its sentence; empty for the run.
-    """
-
-    kind: str
-    name: str
-    tags: tuple[str, ...]
-    note: str
-
-
-class Frame(_Read):
-    """A frame of a run.
-
-    Attributes:
-        id: run.variant.camera.time.
-        state: state of its products.
-        removed: why its pictures are gone since its run completed; None: they are not.
-    """
-
-    id: str
-    state: str
-    removed: str | None = None
-
-
-class FailureError(_Read):
-    """The reason why a product failed for good.
-
-    Attributes:
-        message: the error; None if an input failed.
-        attempts: number of attempts; None if an input failed.
-        cause: digest of the input that failed; None if the product itself failed.
-    """
-
-    message: str | None = None
-    attempts: int | None = None
-    cause: str | None = None
-
-
-class Trial(_Read):
-    """The trial run of a function at its registration.
-
-    Attributes:
-        numeric_class, precision: as read back from the compiled model.
-        picture: width and height of the picture, pixels.
-        cpu_seconds: CPU time of one picture.
-    """
-
-    numeric_class: str
-    precision: str
-    picture: tuple[int, int]
-    cpu_seconds: float
-
-
-class NoTrial(_Read):
-    """The reason why a function had no trial run at its registration."""
-
-    skipped: str
-
-
-class _Kept(BaseModel):
-    # Written to a file again, with all members.
-    model_config = ConfigDict(frozen=True, extra="allow")
-
-
-class FunctionFile(_Kept):
-    """The description of a function's file; ``format`` is also its suffix."""
-
-    format: str
-
-
-class FunctionDocument(_Kept):
-    """The document of a registered function.
-
-    Attributes:
-        payload: description of its file; None for kinds without a file.
-    """
-
-    name: str
-    payload: FunctionFile | None = None
-
-
-class Function(_Read):
-    """A function under test with its card.
-
-    Attributes:
-        name, digest, architecture, precision, engine, provenance: entries of its card.
-        numeric_classes: those in which running workers offer it.
-        card: title and text of each row of the card.
-        problem: reason why it cannot be used; None if it can.
-        reference: name of this version in specs; None for an installed function.
-        kind: network, onnx, huggingface, http or predictions; None for a class of an installed package.
-        version: number of the registered version.
-        classes, unmapped: Cityscapes classes that it predicts, and its own classes that count as void.
-        judged_by: Cityscapes classes in its scores over all classes; empty for all.
-        created_at: time of registration.
-        document: document of a registered version; None in lists.
-        check: the trial run, in the answer to a registration.
-    """
-
-    name: str
-    digest: str
-    architecture: str
-    precision: str
-    engine: str
-    provenance: dict[str, str]
-    numeric_classes: tuple[str, ...]
-    card: tuple[tuple[str, str], ...]
-    problem: str | None = None
-    reference: str | None = None
-    kind: str | None = None
-    version: int | None = None
-    classes: tuple[str, ...] | None = None
-    unmapped: tuple[str, ...] | None = None
-    judged_by: tuple[str, ...] = ()
-    created_at: str | None = None
-    document: FunctionDocument | None = None
-    check: Trial | NoTrial | None = None
-
-    def as_json(self) -> dict[str, JsonValue]:
-        """Return the members of the registry's answer, as JSON values."""
-        return self.model_dump(mode="json", exclude_unset=True)
-
-
-class RegisteredFunction(NamedTuple):
-    """The answer to a registration; ``new`` is False if this version was already registered."""
-
-    function: Function
-    new: bool
-
-
-class RunSummary(_Read):
-    """Summary, findings and verdicts of an ended run, as documents for `valerie.analysis`."""
-
-    summary: dict[str, JsonValue]
-    findings: dict[str, JsonValue]
-    verdicts: tuple[dict[str, JsonValue], ...]
-
-
-class RunDetail(_Read):
-    """The inputs of a run: spec and pins as documents for `valerie.runs`, and the digest of its asset."""
-
-    spec: dict[str, JsonValue]
-    asset_digest: str
-    pins: dict[str, JsonValue]
-
-
-class Failure(_Read):
-    """A product that failed for good.
-
-    Attributes:
-        error: reason of the failure; None if not recorded.
-    """
-
-    kind: str
-    error: FailureError | None
-
-
-class StudyOutcomes(_Read):
-    """Outcomes of a batch: the score of each variant, None if undefined, and the indexes of rejected variants.
-
-    ``second`` has the scores of the second function, if two are compared.
-    """
-
-    scores: tuple[float | None, ...]
-    second: tuple[float | None, ...] = ()
-    rejected: tuple[int, ...] = ()
-
-
-class StudyBatch(_Read):
-    """A batch of a study.
-
-    Attributes:
-        number: number of the batch, from 0.
-        reason: reason for these variants.
-        legal: number of variants that count towards the budget.
-        accepted_at: time of acceptance; None until a person accepts it.
-        run_id: its run; None before it starts, and for a batch without variants.
-        outcomes: its outcomes; None while its run continues.
-        cpu_seconds: CPU time of its run.
-    """
-
-    number: int
-    reason: str
-    legal: int
-    accepted_at: Moment | None
-    run_id: str | None
-    outcomes: StudyOutcomes | None
-    cpu_seconds: float | None
-
-
-class StudyKnown(_Read):
-    """The result of a study in words."""
-
-    sentences: tuple[str, ...]
-
-
-class Study(_Read):
-    """A study.
-
-    Attributes:
-        state: running, paused, finished or stopped.
-        reason: the event that it waits for, or the reason why it ended.
-        by_hand: whether a person accepts each batch.
-        result: its result; None while nothing is known.
-        outlook: what is missing for the goal and its cost, in words; None where that is not known, and in a list of studies.
-        batches: its batches; empty in a list of studies.
-    """
-
-    id: str
-    name: str
-    state: str
-    reason: str | None = None
-    by_hand: bool
-    goal: str
-    result: StudyKnown | None = None
-    outlook: str | None = None
-    created_at: Moment
-    batches: tuple[StudyBatch, ...] = ()
-
-
-class NextBatch(_Read):
-    """A batch that may run next, with the spec of its run as text and its price."""
-
-    number: int
-    reason: str
-    legal: int
-    rejected: int
-    accepted: bool
-    run_id: str | None
-    spec: str
-    plan: dict[str, JsonValue]
-
-
-class _Page(_Read):
+class _Page(Answer):
     items: list[JsonValue]
     next: str | None
 
 
-class _Uploaded(_Read):
+class _Uploaded(Answer):
     new: bool
 
 
-class _Spec(_Read):
+class _Spec(Answer):
     annotations: tuple[str, ...]
 
 
-class _RunWithSpec(_Read):
+class _RunWithSpec(Answer):
     spec: _Spec
 
 
@@ -422,7 +118,7 @@ class Client:
 
     def plan(self, spec: bytes) -> Plan:
         """Return the size and cost of a spec (YAML or JSON text)."""
-        from valerie.runs.forecasting.forecast import Plan
+        from valerie.runs.forecasting.plan import Plan
 
         return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 
@@ -442,21 +138,19 @@ class Client:
     def runs(self, *, limit: int = 20, tag: str | None = None) -> Iterator[Run]:
         """Yield runs, newest first; with ``tag`` only those that carry it."""
         filters = {} if tag is None else {"tag": tag}
-        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100), **filters), limit):
-            yield _validated(Run, item)
+        return islice(self._pages(Run, "/v1/runs", page_size=min(limit, 100), **filters), limit)
 
     def quotas(self) -> list[Quota]:
         """Return the caller's quotas and those of its project; for the operator those of all that have runs."""
-        return [_validated(Quota, quota) for quota in self._send("GET", "/v1/quotas").json()]
+        return self._read_all(Quota, "GET", "/v1/quotas")
 
     def marks(self, run_id: str) -> list[Mark]:
         """Return the tags and notes on a run, its frames and its findings."""
-        return [_validated(Mark, mark) for mark in self._send("GET", f"/v1/runs/{run_id}/marks").json()]
+        return self._read_all(Mark, "GET", f"/v1/runs/{run_id}/marks")
 
     def put_mark(self, run_id: str, mark: Mark) -> list[Mark]:
         """Replace the tags and the note of a run, a frame or a finding; return all marks of the run."""
-        body = mark.model_dump(mode="json")
-        return [_validated(Mark, item) for item in self._send("PUT", f"/v1/runs/{run_id}/marks", json=body).json()]
+        return self._read_all(Mark, "PUT", f"/v1/runs/{run_id}/marks", json=mark.model_dump(mode="json"))
 
     def run(self, run_id: str) -> Run:
         """Return a run."""
@@ -472,8 +166,7 @@ class Client:
 
     def failures(self, run_id: str) -> list[Failure]:
         """Return the products of a run that failed for good, at most 1000."""
-        documents = self._send("GET", f"/v1/runs/{run_id}/failures", params={"limit": 1000}).json()
-        return [_validated(Failure, document) for document in documents]
+        return self._read_all(Failure, "GET", f"/v1/runs/{run_id}/failures", params={"limit": 1000})
 
     def summary(self, run_id: str) -> RunSummary:
         """Return summary, findings and verdicts of an ended run."""
@@ -520,10 +213,9 @@ class Client:
         """Start a study (YAML or JSON text)."""
         return self._read(Study, "POST", "/v1/studies", content=document, headers=_SPEC)
 
-    def studies(self, *, limit: int = 20) -> Iterator[Study]:
-        """Yield studies, newest first."""
-        for item in islice(self._pages("/v1/studies", page_size=min(limit, 100)), limit):
-            yield _validated(Study, item)
+    def studies(self) -> Iterator[Study]:
+        """Yield the newest studies, at most 20, newest first."""
+        return islice(self._pages(Study, "/v1/studies", page_size=20), 20)
 
     def study(self, study_id: str) -> Study:
         """Return a study with its batches."""
@@ -556,7 +248,7 @@ class Client:
 
     def functions(self) -> list[Function]:
         """Return the functions under test with their cards."""
-        return [_validated(Function, document) for document in self._send("GET", "/v1/functions").json()]
+        return self._read_all(Function, "GET", "/v1/functions")
 
     def function(self, reference: str) -> Function:
         """Return a function with its card and document."""
@@ -566,15 +258,8 @@ class Client:
         """Return the file of a registered function."""
         return self._send("GET", f"/v1/functions/{quote(reference)}/payload").content
 
-    def register_function(
-        self, texts: Mapping[str, str], payload: Path | None = None, *, filename: str | None = None
-    ) -> RegisteredFunction:
-        """Register a function.
-
-        Args:
-            texts: any of ``document``, ``name``, ``engine``, ``precision``.
-            filename: name of the file on the server; None for that of ``payload``.
-        """
+    def register_function(self, texts: Mapping[str, str], payload: Path | None = None) -> RegisteredFunction:
+        """Register a function with its file, if any, from any of ``document``, ``name``, ``engine``, ``precision``."""
         fields: list[tuple[str, Any]] = [(name, (None, text)) for name, text in texts.items()]
         # Converting and testing a large network may take minutes.
         timeout = httpx.Timeout(3600.0, connect=5.0)
@@ -582,7 +267,7 @@ class Client:
             response = self._send("POST", "/v1/functions", files=fields, timeout=timeout)
         else:
             with payload.open("rb") as stream:
-                fields.append(("payload", (filename or payload.name, stream)))
+                fields.append(("payload", (payload.name, stream)))
                 response = self._send("POST", "/v1/functions", files=fields, timeout=timeout)
         function = _validated(Function, response.json())
         return RegisteredFunction(function, response.status_code == httpx.codes.CREATED)
@@ -593,17 +278,16 @@ class Client:
 
     def frames(self, run_id: str) -> Iterator[Frame]:
         """Yield the frames of a run, in order."""
-        for item in self._pages(f"/v1/runs/{run_id}/frames", page_size=1000):
-            yield _validated(Frame, item)
+        return self._pages(Frame, f"/v1/runs/{run_id}/frames", page_size=1000)
 
     def picture(self, frame_id: str, *, sensor: str | None = None) -> bytes:
         """Return the picture of a frame as PNG."""
-        parameters = {"kind": "picture", **({"sensor": sensor} if sensor else {})}
+        parameters = {"kind": "picture", **_view(None, sensor)}
         return self._send("GET", f"/v1/frames/{frame_id}/image", params=parameters).content
 
     def labels(self, frame_id: str, *, function: str | None = None, sensor: str | None = None) -> bytes:
         """Return the label ids of a frame as PNG of 8 bits: the truth, or the prediction of a function."""
-        parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
+        parameters = _view(function, sensor)
         return self._send("GET", f"/v1/frames/{frame_id}/labels", params=parameters).content
 
     def annotation(self, frame_id: str, kind: str) -> bytes:
@@ -614,7 +298,7 @@ class Client:
         self, frame_id: str, data: bytes, *, function: str | None = None, sensor: str | None = None
     ) -> bool:
         """Upload the label map of a frame (PNG); return True if it is new."""
-        parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
+        parameters = _view(function, sensor)
         path = f"/v1/frames/{quote(frame_id)}/prediction"
         headers = {"Content-Type": "image/png"}
         return self._read(_Uploaded, "PUT", path, params=parameters, content=data, headers=headers).new
@@ -622,13 +306,16 @@ class Client:
     def _read(self, model: type[Model], method: str, path: str, **options: Any) -> Model:
         return _validated(model, self._send(method, path, **options).json())
 
-    def _pages(self, path: str, *, page_size: int, **filters: str) -> Iterator[object]:
+    def _read_all(self, model: type[Model], method: str, path: str, **options: Any) -> list[Model]:
+        return [_validated(model, item) for item in self._send(method, path, **options).json()]
+
+    def _pages(self, model: type[Model], path: str, *, page_size: int, **filters: str) -> Iterator[Model]:
         """Yield the items of all pages. A page is read when its first item is needed."""
         cursor: str | None = ""
         while cursor is not None:
             parameters: dict[str, str | int] = {"limit": page_size, **filters, **({"cursor": cursor} if cursor else {})}
             page = self._read(_Page, "GET", path, params=parameters)
-            yield from page.items
+            yield from (_validated(model, item) for item in page.items)
             cursor = page.next
 
     def _send(self, method: str, path: str, **options: Any) -> httpx.Response:
@@ -644,6 +331,11 @@ class Client:
 
 
 _SPEC = {"Content-Type": "application/yaml"}
+
+
+def _view(function: str | None, sensor: str | None) -> dict[str, str]:
+    """Return the query parameters of a frame's labels or picture."""
+    return {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
 
 
 def _address(url: str) -> str:

@@ -117,7 +117,7 @@ def _read(text: str) -> Any:
 
 
 def _fault(error: yaml.MarkedYAMLError, text: str) -> str:
-    """Return what is probably wrong, in words for people who do not know YAML's grammar."""
+    """Return the probable fault, in words for people who do not know YAML's grammar."""
     problem, mark = str(error.problem or error.context), error.problem_mark
     if problem == "found character that cannot start any token" and mark is not None:
         character = text.splitlines()[mark.line][mark.column]

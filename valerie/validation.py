@@ -88,7 +88,7 @@ def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
 
 
 def _right(kind: str, value: object, context: Mapping[str, object]) -> str | None:
-    """Return what is accepted instead of a value; None if that is unknown."""
+    """Return the text of accepted values; None if they are unknown."""
     if kind == "tuple_type":
         return _listed(value)
     if kind.startswith("datetime"):

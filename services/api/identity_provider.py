@@ -154,7 +154,7 @@ class IdentityProvider:
         raise _refused("the ID token is not signed by the provider")
 
     def _known(self, latest: float = _KEPT_S) -> _Known:
-        """Return what is known of the provider, at most ``latest`` seconds old."""
+        """Return metadata and keys of the provider, at most ``latest`` seconds old."""
         with self._lock:
             if self._read is None or monotonic() - self._read.at >= latest:
                 metadata = self._get(f"{self._settings.oidc_issuer.rstrip('/')}/.well-known/openid-configuration")

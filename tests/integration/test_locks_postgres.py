@@ -9,11 +9,12 @@ import pytest
 from sqlalchemy import Connection, Engine, func, insert, inspect, select, text, update
 
 from tests.integration.waiting import locked, wait_for_locks
-from valerie.db import products, sweeping
+from valerie.db import claiming, products, publishing, sweeping
 from valerie.db.engine import open_database, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
-from valerie.db.products import Finished, Wanted
+from valerie.db.products import Wanted
+from valerie.db.publishing import Finished
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import ProductKind, ProductState
 from valerie.runs.products.turns import Turns
@@ -53,19 +54,19 @@ def set_state(engine: Engine, state: ProductState) -> None:
 
 def publish(connection: Connection) -> None:
     finished = [Finished(name, bytes=1, pixels=1, cpu_seconds=0.5) for name in ALL]
-    products.publish(connection, finished, owner=OWNER, now=1.0)
+    publishing.publish(connection, finished, owner=OWNER, now=1.0)
 
 
 def renew(connection: Connection) -> None:
-    products.renew(connection, ALL, owner=OWNER, until=9.0)
+    claiming.renew(connection, ALL, owner=OWNER, until=9.0)
 
 
 def hand_back(connection: Connection) -> None:
-    products.hand_back(connection, ALL, owner=OWNER, not_before=1.0)
+    claiming.hand_back(connection, ALL, owner=OWNER, not_before=1.0)
 
 
 def await_inputs(connection: Connection) -> None:
-    products.await_inputs(connection, ALL, owner=OWNER)
+    claiming.await_inputs(connection, ALL, owner=OWNER)
 
 
 def want(connection: Connection) -> None:
@@ -77,7 +78,7 @@ def take_back(connection: Connection) -> None:
 
 
 def claim(connection: Connection) -> None:
-    products.claim(connection, ALL, owner="other", now=1.0, lease_seconds=60.0)
+    claiming.claim(connection, ALL, owner="other", now=1.0, lease_seconds=60.0)
 
 
 def mark_sent(connection: Connection) -> None:
@@ -190,18 +191,18 @@ def test_products_are_not_freed_while_a_run_is_about_to_link_them(engine: Engine
 
 def test_two_workers_that_store_truths_over_the_same_new_statics_do_not_wait_for_each_other(engine: Engine) -> None:
     names = {"one": [digest(f"one{i}") for i in range(3)], "two": [digest(f"two{i}") for i in range(3)]}
-    statics = [products.SharedStatics(digest(f"s{i}"), bytes=1, pixels=1) for i in range(3)]
+    statics = [publishing.SharedStatics(digest(f"s{i}"), bytes=1, pixels=1) for i in range(3)]
     with writing(engine) as connection:
         for owner, digests in names.items():
             products.want(connection, [Wanted(n, ProductKind.TRUTH, "render", "g") for n in digests], 0.0, Turns())
             condition = Product.digest.in_(digests)
             connection.execute(update(Product).where(condition).values(state="running", lease_owner=owner))
 
-    def store(owner: str, parts: list[products.SharedStatics]) -> list[str]:
+    def store(owner: str, parts: list[publishing.SharedStatics]) -> list[str]:
         pairs = zip(names[owner], parts, strict=True)
         finished = [Finished(name, bytes=1, pixels=1, cpu_seconds=0.5, part=part) for name, part in pairs]
         with writing(engine) as connection:
-            return products.publish(connection, finished, owner=owner, now=1.0)
+            return publishing.publish(connection, finished, owner=owner, now=1.0)
 
     with ThreadPoolExecutor(2) as executor:
         with engine.connect() as connection:

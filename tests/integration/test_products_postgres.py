@@ -16,12 +16,13 @@ from sqlalchemy import Engine, select, text
 from tests.integration.waiting import wait_for_locks
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
-from valerie.db import products, sweeping, totals
+from valerie.db import claiming, products, publishing, sweeping, totals
 from valerie.db.engine import database_time, open_database, writing
 from valerie.db.measured import SeenPerson
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
-from valerie.db.products import Finished, Wanted
+from valerie.db.products import Wanted
+from valerie.db.publishing import Finished
 from valerie.pipeline.control import lifecycle
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import ProductKind, ProductState
@@ -66,7 +67,7 @@ def finish(engine: Engine, *names: str) -> list[str]:
             Product.__table__.update().where(Product.digest.in_(digests)).values(state="running", lease_owner="w")
         )
         done = [Finished(one, bytes=1, pixels=1, cpu_seconds=0.5) for one in digests]
-        products.publish(connection, done, owner="w", now=1.0)
+        publishing.publish(connection, done, owner="w", now=1.0)
     with writing(engine) as connection:
         return [item.digest for item in products.promote_dependents(connection, digests, 2.0)]
 
@@ -117,7 +118,7 @@ def test_a_product_freed_after_its_lease_was_lost_harms_no_other(engine: Engine)
         products.want(connection, WANTED[:2], 0.0, Turns())
         connection.execute(Product.__table__.update().values(state="running", lease_owner="w"))
         sweeping.free(connection, [digest("l")])
-        assert products.publish(connection, finished, owner="w", now=1.0) == [digest("b")]
+        assert publishing.publish(connection, finished, owner="w", now=1.0) == [digest("b")]
     with writing(engine) as connection:
         assert connection.execute(select(Product.digest, Product.state)).all() == [(digest("b"), "done")]
 
@@ -141,7 +142,7 @@ def test_workers_that_claim_at_the_same_time_get_different_packets_and_none_wait
     with writing(engine) as first, writing(engine) as second:
         second.execute(text("SET LOCAL lock_timeout = '1s'"))
         packets = [
-            products.claim_next(connection, route, owner=owner, now=1.0, lease_seconds=60.0)
+            claiming.claim_next(connection, route, owner=owner, now=1.0, lease_seconds=60.0)
             for connection, owner in ((first, "first"), (second, "second"))
         ]
     taken = [job.digest for packet in packets for job in packet]
@@ -161,7 +162,7 @@ def test_a_run_that_continues_gets_the_products_that_a_worker_is_parking(pipelin
         with writing(engine) as connection:
             ready = connection.scalars(select(Product.digest).where(Product.state == ProductState.READY)).all()
             assert ready
-            assert not products.claim(connection, ready, owner="w", now=1.0, lease_seconds=60.0)
+            assert not claiming.claim(connection, ready, owner="w", now=1.0, lease_seconds=60.0)
             resumed = executor.submit(lifecycle.resume, pipeline.context, run)
             wait_for_locks(engine, 1)
         resumed.result()
@@ -216,7 +217,7 @@ def test_workers_that_claim_at_the_same_time_serve_two_owners_equally(pipeline: 
     def work() -> None:
         while True:
             with writing(engine) as connection:
-                jobs = products.claim_next(connection, route, owner="w", now=1.0, lease_seconds=1e6)
+                jobs = claiming.claim_next(connection, route, owner="w", now=1.0, lease_seconds=1e6)
                 moment = database_time(connection)  # a thread may wait long before it can note its jobs
             if not jobs:
                 return

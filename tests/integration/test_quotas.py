@@ -13,7 +13,7 @@ import pytest
 from tests.world.blank import Pipeline
 from tests.world.boxes import write_box_street
 from valerie.access import Role
-from valerie.db import runs
+from valerie.db import usage
 from valerie.db.engine import reading
 from valerie.errors import Conflict
 from valerie.pipeline.control import lifecycle
@@ -88,7 +88,7 @@ def test_a_run_pauses_at_a_quota_and_its_cpu_time_counts_when_it_is_deleted(open
 
     def seconds() -> float:
         with reading(raised.context.engine) as connection:
-            return runs.made(connection, owner="Eve").cpu_seconds
+            return usage.made(connection, owner="Eve").cpu_seconds
 
     before = seconds()
     for each in (run, twin):

@@ -8,15 +8,15 @@ from unittest import mock
 
 from sqlalchemy import Connection, update
 
-from valerie.db import products, sweeping
+from valerie.db import publishing, sweeping
 from valerie.db.models import Product
-from valerie.db.products import Finished
+from valerie.db.publishing import Finished
 
-publish = products.publish
+publish = publishing.publish
 
 
 def publish_what_is_not_held(connection: Connection, finished: list[Finished], *, owner: str, now: float) -> list[str]:
-    """See `valerie.db.products.publish`, without its condition."""
+    """See `valerie.db.publishing.publish`, without its condition."""
     digests = [product.digest for product in finished]
     values = {"state": "running", "lease_owner": owner}
     connection.execute(update(Product).where(Product.digest.in_(digests)).values(**values))
@@ -33,7 +33,7 @@ class Bug(NamedTuple):
 BUGS = {
     "lost-lease": Bug(lambda: mock.patch.object(sweeping, "take_back_expired", return_value=[]), "kill worker"),
     "double-publication": Bug(
-        lambda: mock.patch.object(products, "publish", publish_what_is_not_held), "freeze worker"
+        lambda: mock.patch.object(publishing, "publish", publish_what_is_not_held), "freeze worker"
     ),
     "believed-clock": Bug(lambda: mock.patch.object(sweeping, "bound_times"), "clock back"),
     "lost-message": Bug(lambda: mock.patch.object(sweeping, "stale_ready", return_value=[]), "empty broker"),

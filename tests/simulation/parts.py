@@ -15,8 +15,9 @@ from sqlalchemy.exc import OperationalError
 
 from tests.simulation.schedule import Schedule
 from valerie.broker import FINISH, TaskMessage, messages_of
+from valerie.db.claiming import Job
 from valerie.db.measured import MeasuredPerson, SeenPerson
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.errors import MissingInput, NotFound, StorageFull, StorageUnavailable, TransientError
 from valerie.runs.products.ready import Ready
 from valerie.runs.products.states import EVAL_QUEUE, ProductKind

@@ -15,7 +15,7 @@ from tests.plugin_package import write_package
 from tests.world.boxes import write_box_street
 from tests.world.makers import DrawingMaker
 from tests.world.world import World
-from valerie.db.products import Job
+from valerie.db.claiming import Job
 from valerie.errors import RenderingError
 from valerie.parameters.declaring import angle, number
 from valerie.parameters.definitions import Affects

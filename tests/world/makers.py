@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from tests.world.street import Street
 from valerie.db import runs
+from valerie.db.claiming import Job
 from valerie.db.engine import reading
 from valerie.db.measured import SeenPerson
-from valerie.db.products import Finished, Job, SharedStatics
+from valerie.db.publishing import Finished, SharedStatics
 from valerie.labels import PERSON, VOID, to_train_ids
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored

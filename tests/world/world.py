@@ -14,11 +14,12 @@ from typing import Any
 from sqlalchemy import make_url, select
 
 from valerie.db import processes, runs
+from valerie.db.claiming import Job
 from valerie.db.engine import open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.db.processes import WorkerRow
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.db.runs import RunRow
 from valerie.errors import TransientError
 from valerie.pipeline.base.context import Context, open_context

@@ -91,7 +91,7 @@ def population_of_differences(estimand: Estimand) -> str:
 
 
 def for_whom(estimand: Estimand) -> str:
-    """Return what the interval of a difference is for, `` for places like these on this site``."""
+    """Return the population of the interval of a difference: `` for places like these on this site``."""
     return f" for {population_of_differences(estimand)}"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 
 import typer
 
-from valerie.cli.shell import AsJson, Exit, say
+from valerie.cli.shell import AsJson, Exit, print_json, say
+from valerie.cli.specs import number_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
@@ -18,7 +18,6 @@ from valerie.local.terminal import command_name, console
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from valerie.parameters.definitions import Value
     from valerie.scene.assets.asset import AssetArguments, AssetReference, SceneAsset
     from valerie.scene.variation.traverse import PathEntry
 
@@ -43,7 +42,7 @@ def list_(as_json: AsJson = False) -> None:
         manifest, digest = asset_manifest(name, asset_dir=folder)
         assets.append({"name": name, "title": manifest.title, "digest": digest})
     if as_json:
-        typer.echo(json.dumps(assets, ensure_ascii=False, indent=1))
+        print_json(assets, indent=1)
         return
     for asset in assets:
         typer.echo(f"{asset['name']}  {asset['title']}")
@@ -80,7 +79,7 @@ def show(
         entries = list(traverse(_load(asset, arguments)))
         paths = [{**asdict(entry), "type": str(entry.type), "affects": str(entry.affects)} for entry in entries]
     if as_json:
-        typer.echo(json.dumps({"name": manifest.name, "digest": digest, "paths": paths}, ensure_ascii=False, indent=1))
+        print_json({"name": manifest.name, "digest": digest, "paths": paths}, indent=1)
         return
     from rich.padding import Padding
     from rich.text import Text
@@ -124,7 +123,7 @@ def check(asset: Asset, arguments: Argument = None, as_json: AsJson = False) -> 
             **(summary._asdict() if summary else {}),
             "findings": [finding.document() for finding in findings],
         }
-        typer.echo(json.dumps(document, ensure_ascii=False, indent=1))
+        print_json(document, indent=1)
     else:
         for finding in findings:
             say(str(finding))
@@ -263,7 +262,7 @@ def _table(entries: Sequence[PathEntry], *, declared: bool) -> Table:
     if not declared:
         table.add_column("varies", no_wrap=True)
     for entry in entries:
-        cells = [entry.path, str(entry.type), _range(entry), entry.unit, _value(entry.value)]
+        cells = [entry.path, str(entry.type), _range(entry), entry.unit, number_text(entry.value)]
         if not declared:
             cells.append("yes" if entry.declared else "")
         table.add_row(*cells, style="" if entry.declared else "dim")
@@ -289,8 +288,4 @@ def _range(entry: PathEntry) -> str:
     low, high = entry.minimum, entry.maximum
     if low is None and high is None:
         return ""
-    return f"{'−∞' if low is None else _value(low)} … {'∞' if high is None else _value(high)}"
-
-
-def _value(value: Value) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{'−∞' if low is None else number_text(low)} … {'∞' if high is None else number_text(high)}"

@@ -12,7 +12,7 @@ import typer
 
 from valerie.cli.gate import run_reader
 from valerie.cli.results import say_differing
-from valerie.cli.shell import AsJson, DataDir, RunIds, require_format, write_output
+from valerie.cli.shell import AsJson, DataDir, RunIds, print_json, require_format, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of
 from valerie.local.spec_files import read_spec
@@ -82,7 +82,7 @@ def read_claims(path: Path) -> Claims:
 def show_ledger(statements: Claims, entries: Sequence[LedgerEntry], *, as_json: bool = False) -> None:
     """Print claims with their answers."""
     if as_json:
-        typer.echo(json.dumps(list(map(asdict, entries)), ensure_ascii=False))
+        print_json(list(map(asdict, entries)))
         return
     from rich.padding import Padding
     from rich.text import Text

@@ -60,6 +60,11 @@ def client_of(settings: Settings, url: str | None = None) -> Client:
     return Client(url, token=_token(settings))
 
 
+def client_at(url: str | None, data_dir: Path | None) -> Client:
+    """Return the client of a command with these options; see `client_of`."""
+    return client_of(settings_of(data_dir), url)
+
+
 @contextmanager
 def source_of(data_dir: Path | None, url: str | None) -> Iterator[Client | Folder]:
     """Open the server at ``url`` or on the data folder, to read runs and studies; without a server, open the folder.

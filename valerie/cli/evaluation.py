@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, InferenceThreads, say
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, print_json, say
 from valerie.errors import InvalidInput, NotFound
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import console
@@ -123,7 +122,7 @@ def evaluate(
             document["twin"] = {"dataset": other.root.name, "split": other.split} | {
                 name: scores.as_document() for name, scores in twins.items()
             }
-        typer.echo(json.dumps(document, ensure_ascii=False))
+        print_json(document)
         return
     output = console()
     for part in [*renderables(result, beside, run_scores), *_twin_lines(twins)]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from valerie.answers import Failure, Progress, RunSummary
 from valerie.cli.connecting import System
 from valerie.cli.shell import Exit, save
-from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
+from valerie.client import Client, ServerUnavailableError
 from valerie.local.display import Display, print_event
 from valerie.local.folder import Folder
 from valerie.local.terminal import console
@@ -24,6 +25,10 @@ _EXIT: Final = {
     RunState.CANCELLED: Exit.NOT_COMPLETED,
     RunState.FAILED: Exit.NOT_COMPLETED,
 }
+
+
+#: Most kinds of errors that are listed.
+_SHOWN: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +110,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         from valerie.analysis.summary.text import summary_renderable
 
         out.print()
-        _print_first(summary)
+        show_first(summary)
         numbers, findings = typed(Summary, summary.summary), typed(Findings, summary.findings)
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:
@@ -118,7 +123,7 @@ def show_verdicts(source: Client | Folder, run_id: str, progress: Progress) -> N
     """Show the warnings and the verdicts of an ended run; nothing for one without results."""
     summary = _summary(source, run_id, progress)
     if summary is not None:
-        _print_first(summary)
+        show_first(summary)
 
 
 def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSummary | None:
@@ -126,8 +131,8 @@ def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSum
     return source.summary(run_id) if has_results else None
 
 
-def _print_first(summary: RunSummary) -> None:
-    """Print the first part of the results: warnings, then verdicts."""
+def show_first(summary: RunSummary) -> None:
+    """Show the first part of the results: warnings, then verdicts."""
     from valerie.analysis.summary.summary import Summary
     from valerie.analysis.summary.text import warnings_renderable
     from valerie.analysis.verdicts.text import verdicts_renderable
@@ -153,7 +158,7 @@ def _show_failures(client: Client, run_id: str, progress: Progress) -> None:
         out.print(line)
 
 
-def failure_lines(failures: list[Failure], *, limit: int = 5) -> list[str]:
+def failure_lines(failures: list[Failure]) -> list[str]:
     """Return one line for each kind of product and error, the most frequent first.
 
     Products that failed because an input failed are left out; the input has its own line.
@@ -168,8 +173,8 @@ def failure_lines(failures: list[Failure], *, limit: int = 5) -> list[str]:
     ranked = sorted(attempts.items(), key=lambda item: -len(item[1]))
     lines = [
         f"  {len(counts):,} × {kind}: {message} (after {max(counts)} attempts)"
-        for (kind, message), counts in ranked[:limit]
+        for (kind, message), counts in ranked[:_SHOWN]
     ]
-    if len(ranked) > limit:
-        lines.append(f"  … and {len(ranked) - limit} other errors; the report lists all")
+    if len(ranked) > _SHOWN:
+        lines.append(f"  … and {len(ranked) - _SHOWN} other errors; the report lists all")
     return lines

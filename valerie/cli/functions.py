@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -11,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valerie.cli.registering import import_file, open_registry, register_file
-from valerie.cli.shell import AsJson, DataDir, InferenceThreads, Url, recorded, say, write_output
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, Url, print_json, recorded, say, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
-    from valerie.client import Function, NoTrial, Trial
+    from valerie.answers import Function, NoTrial, Trial
     from valerie.metrics.collection import CollectionScores
 
 #: Most predicted classes that are listed for a true one.
@@ -72,7 +71,7 @@ def import_(
     opening = partial(open_registry, settings, url, create=True)
     registered, new = register_file(opening, file, document=document, **texts)
     if as_json:
-        typer.echo(json.dumps({**registered.as_json(), "new": new}, ensure_ascii=False))
+        print_json({**registered.as_json(), "new": new})
         return
     _card(registered)
     say(("registered" if new else "registered already") + f" as {registered.reference}; in a spec:")
@@ -157,7 +156,7 @@ def quantize(
             progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
         )
     if as_json:
-        typer.echo(json.dumps(model.comparison.as_document(), ensure_ascii=False))
+        print_json(model.comparison.as_document())
     else:
         console().print(comparison_renderable(model.comparison))
     say(f"{'registered' if model.new else 'registered already'} as {model.registered.reference}; in a spec:")
@@ -170,7 +169,7 @@ def list_(as_json: AsJson = False, url: Url = None, data_dir: DataDir = None) ->
     with open_registry(settings_of(data_dir), url) as registry:
         functions = registry.functions()
     if as_json:
-        typer.echo(json.dumps([function.as_json() for function in functions], ensure_ascii=False, indent=1))
+        print_json([function.as_json() for function in functions], indent=1)
         return
     from rich.table import Table
 
@@ -194,7 +193,7 @@ def show(reference: Reference, as_json: AsJson = False, url: Url = None, data_di
     with open_registry(settings_of(data_dir), url) as registry:
         function = registry.function(reference)
     if as_json:
-        typer.echo(json.dumps(function.as_json(), ensure_ascii=False, indent=1))
+        print_json(function.as_json(), indent=1)
         return
     _card(function)
 
@@ -297,7 +296,7 @@ def _show_scores(scores: CollectionScores) -> None:
 
 
 def _trial_text(check: Trial | NoTrial | None) -> str:
-    from valerie.client import NoTrial
+    from valerie.answers import NoTrial
 
     if check is None:
         return ""

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide, write_output
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide, print_json, write_output
 from valerie.errors import InvalidInput, NotFound, UnknownName
-from valerie.local.deployment import settings_of
 from valerie.local.terminal import console
 from valerie.plain import typed
 
@@ -143,7 +142,7 @@ def gate(
     files.write(result)
     code = decide(Exit.OK if result.passed else Exit.GATE_FAILED)
     if as_json:
-        typer.echo(json.dumps(result.to_json(), ensure_ascii=False))
+        print_json(result.to_json())
     else:
         for part in renderables(result):
             console().print(part)
@@ -175,7 +174,7 @@ def _say_places(run: GateRun, versions: BaselineOptions, deviation: float | None
     effect = versions.effect
     needs = places_before(run, function=versions.function, effect=effect, deviation=deviation)
     if as_json:
-        typer.echo(json.dumps(list(map(asdict, needs)), ensure_ascii=False))
+        print_json(list(map(asdict, needs)))
         return
     for need in needs:
         takes = "more places than any run has" if need.needed is None else f"{need.needed:,} places"
@@ -253,7 +252,7 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
 
         return from_folder
 
-    from valerie.cli.connecting import client_of
+    from valerie.cli.connecting import client_at
 
     def from_server(run_id: str) -> GateRun:
         import io
@@ -264,7 +263,7 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
         from valerie.runs.products.pins import ANY_PINS
         from valerie.runs.resolving.spec import RunSpec
 
-        with client_of(settings_of(data_dir), url) as client:
+        with client_at(url, data_dir) as client:
             verdicts = typed(tuple[RequirementVerdict, ...], client.summary(run_id).verdicts)
             detail = client.detail(run_id)
             table = EvaluationTable.from_parquet(io.BytesIO(client.evaluations(run_id)))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.access import COMMAND
-from valerie.cli.shell import AsJson, DataDir, Exit, recorded
+from valerie.cli.shell import AsJson, DataDir, Exit, print_json, recorded
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.local.deployment import context_of, create_or_migrate, folder_context, settings_of
 from valerie.local.terminal import console
@@ -104,7 +104,7 @@ def replay(
         products = replay_frame(context, key)
     if as_json:
         for product in products:
-            typer.echo(json.dumps(_document(product), ensure_ascii=False))
+            print_json(_document(product))
     else:
         _show(products)
     if not all(product.agrees for product in products):
@@ -153,7 +153,7 @@ def doctor(as_json: AsJson = False, data_dir: DataDir = None) -> None:
         serverless = local and running.find(settings.data_dir) is None
         checks = diagnose(replace(context, broker=Broker(_joined(settings))), serverless=serverless)
     if as_json:
-        typer.echo(json.dumps([asdict(check) for check in checks], ensure_ascii=False))
+        print_json([asdict(check) for check in checks])
     else:
         for check in checks:
             mark, text = ("wrong", check.problem) if check.problem else ("ok", check.state)
@@ -237,7 +237,7 @@ def audit(as_json: AsJson = False, data_dir: DataDir = None) -> None:
         for number, entry in entries(connection):
             if as_json:
                 document = {"number": number, **asdict(entry), "at": entry.at.isoformat()}
-                typer.echo(json.dumps(document, ensure_ascii=False))
+                print_json(document)
                 continue
             who = (entry.owner if entry.caller == COMMAND else entry.caller) or "nobody"
             outcome = "…" if entry.status is None else entry.status

@@ -18,7 +18,9 @@ from valerie.cli import (
     functions,
     gate,
     machine,
+    marks,
     predictions,
+    reports,
     results,
     runs,
     slurm,
@@ -72,8 +74,8 @@ app.command(rich_help_panel=_RUN)(runs.submit)
 app.add_typer(studies.app, name="study", rich_help_panel=_RUN)
 app.command(rich_help_panel=_RUN)(studies.refine)
 app.command(rich_help_panel=_WATCH)(runs.status)
-app.command(rich_help_panel=_WATCH)(runs.report)
-app.command(rich_help_panel=_WATCH)(runs.compare)
+app.command(rich_help_panel=_WATCH)(reports.report)
+app.command(rich_help_panel=_WATCH)(reports.compare)
 app.command(rich_help_panel=_WATCH)(results.findings)
 app.command(rich_help_panel=_WATCH)(results.rows)
 app.command(rich_help_panel=_WATCH)(gate.gate)
@@ -83,7 +85,7 @@ app.command(rich_help_panel=_WATCH)(runs.cancel)
 app.command(rich_help_panel=_WATCH)(runs.resume)
 app.command(rich_help_panel=_WATCH)(runs.retry)
 app.command(rich_help_panel=_WATCH)(runs.delete)
-app.command(rich_help_panel=_WATCH)(runs.mark)
+app.command(rich_help_panel=_WATCH)(marks.mark)
 app.command(rich_help_panel=_WATCH)(machine.replay)
 app.command(rich_help_panel=_PARTS)(evaluation.evaluate)
 app.add_typer(datasets.app, name="dataset", rich_help_panel=_PARTS)

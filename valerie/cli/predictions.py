@@ -11,7 +11,6 @@ import typer
 from valerie.cli.frames import Sensor
 from valerie.cli.shell import DataDir, Exit, RunId, Url, show_error
 from valerie.errors import InvalidInput, NotFound
-from valerie.local.deployment import settings_of
 
 predictions_app = typer.Typer(no_args_is_help=True, help="Upload label maps that were predicted elsewhere.")
 
@@ -31,7 +30,7 @@ def put(
     data_dir: DataDir = None,
 ) -> None:
     """Upload predictions for frames of a run. Exits with 3 if any is refused."""
-    from valerie.cli.connecting import client_of
+    from valerie.cli.connecting import client_at
     from valerie.client import ServerProblemError
 
     if not folder.is_dir():
@@ -42,7 +41,7 @@ def put(
         names = ", ".join(foreign[:3]) or "no PNG"
         raise InvalidInput("files must be named after frames", field="DIR", value=names, limit=f"as {run_id}.0.0.0.png")
     new = existing = refused = 0
-    with client_of(settings_of(data_dir), url) as client:
+    with client_at(url, data_dir) as client:
         try:
             client.run(run_id)  # so that an unknown run gives one error, not one per file
         except ServerProblemError as error:

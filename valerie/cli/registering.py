@@ -14,7 +14,8 @@ from valerie.errors import InvalidInput, NotFound
 from valerie.local.terminal import command_name
 
 if TYPE_CHECKING:
-    from valerie.client import Client, Function, RegisteredFunction
+    from valerie.answers import Function, RegisteredFunction
+    from valerie.client import Client
     from valerie.pipeline.base.context import Context
     from valerie.pipeline.functions.catalog import FunctionEntry
     from valerie.pipeline.functions.guarded_import import ImportedFunction
@@ -85,7 +86,7 @@ class _Local:
             remove(self._context, reference)
 
     def register_function(self, texts: dict[str, str], payload: Path | None, folder: Path) -> RegisteredFunction:
-        from valerie.client import RegisteredFunction
+        from valerie.answers import RegisteredFunction
         from valerie.pipeline.functions.catalog import registered_function
         from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
         from valerie.pipeline.functions.registry import register
@@ -106,7 +107,7 @@ def _as_server_shows(entry: FunctionEntry) -> Function:
     """Return an entry of the catalog in the form of a server's answer."""
     from pydantic import TypeAdapter
 
-    from valerie.client import Function
+    from valerie.answers import Function
     from valerie.pipeline.functions.catalog import FunctionEntry
 
     members = TypeAdapter(FunctionEntry).dump_python(entry, mode="json", exclude={"trial"})

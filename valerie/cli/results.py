@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,28 +27,20 @@ def findings(run_ids: RunIds, as_json: AsJson = False, data_dir: DataDir = None)
     """
     from valerie.analysis.findings.findings import Findings
     from valerie.analysis.summary.summary import Summary
-    from valerie.analysis.summary.text import summary_renderable, warnings_renderable
-    from valerie.analysis.verdicts.text import verdicts_renderable
-    from valerie.analysis.verdicts.verdicts import RequirementVerdict
-    from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
+    from valerie.analysis.summary.text import summary_renderable
+    from valerie.answers import RunSummary
+    from valerie.cli.following import show_first
+    from valerie.pipeline.base.run_artifacts import SUMMARY, read_artifact
 
     with context_of(data_dir) as context:
-        text = (
-            _together(context, run_ids)
-            if len(run_ids) > 1
-            else context.store.get(artifact_key(context, run_ids[0], SUMMARY)).decode()
-        )
+        text = _together(context, run_ids) if len(run_ids) > 1 else read_artifact(context, run_ids[0], SUMMARY).decode()
     if as_json:
         typer.echo(text)
         return
-    document = json.loads(text)
-    out = console()
-    summary, findings = typed(Summary, document["summary"]), typed(Findings, document["findings"])
-    out.print(warnings_renderable(summary), end="")
-    if document["verdicts"]:
-        out.print(verdicts_renderable(typed(tuple[RequirementVerdict, ...], document["verdicts"])))
-        out.print()
-    out.print(summary_renderable(summary, findings, most=None))
+    results = RunSummary.model_validate_json(text)
+    show_first(results)
+    summary, findings = typed(Summary, results.summary), typed(Findings, results.findings)
+    console().print(summary_renderable(summary, findings, most=None))
 
 
 def _together(context: Context, run_ids: list[str]) -> str:
@@ -65,7 +56,7 @@ def _together(context: Context, run_ids: list[str]) -> str:
 
 
 def say_differing(texts: Sequence[str]) -> None:
-    """Say what else than the site or the draw differs between runs that are taken together."""
+    """Name the differences, besides the site or the draw, between runs that are taken together."""
     if texts:
         say(f"No finding accounts for what differs: {'; '.join(texts)}.")
 

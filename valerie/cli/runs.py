@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -17,19 +16,7 @@ import typer
 
 from valerie.cli.option_documents import takes_documents
 from valerie.cli.registering import Remote, open_registry
-from valerie.cli.shell import (
-    AsJson,
-    DataDir,
-    EndWithParent,
-    Exit,
-    RunId,
-    RunIds,
-    Stopped,
-    Url,
-    require_format,
-    say,
-    write_output,
-)
+from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, print_json, save, say
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -37,13 +24,8 @@ from valerie.local.terminal import command_name, console
 from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from valerie.analysis.claims.claims import Claims
-    from valerie.analysis.comparison.beside import Beside
+    from valerie.answers import Run
     from valerie.cli.connecting import System
-    from valerie.client import Client, Run
-    from valerie.pipeline.reading.reports import ReportWith
 
 _UNITS: Final = {"min": timedelta(minutes=1), "h": timedelta(hours=1), "d": timedelta(days=1)}
 
@@ -74,7 +56,7 @@ def run(
     from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.following import report_path
-    from valerie.cli.shell import save
+    from valerie.cli.reports import report_with_claims
     from valerie.local.display import print_event
 
     _bind_to_parent(end_with_parent)
@@ -92,7 +74,7 @@ def run(
         code = _see_to_its_end(system, run, path, again, data_dir, json_lines=json_lines)
         if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             # Its report is saved already, so that a claim which does not fit the run costs no result.
-            answered = _report_with([run.id], statements, None, data_dir)
+            answered = report_with_claims([run.id], statements, None, data_dir)
             show_ledger(statements, answered.source.ledger, as_json=json_lines)
             save(answered.html.encode(), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
@@ -210,12 +192,12 @@ def status(
     Needs no server, except to follow a run. With --watch, the exit code is that of
     the run, as with `valerie run`.
     """
-    from valerie.cli.connecting import System, client_of, source_of
+    from valerie.cli.connecting import System, client_at, source_of
     from valerie.cli.following import exit_code, failure_lines, follow, show_result, show_verdicts
     from valerie.local.display import display_of, progress_table
 
     if watch and run_id is not None:
-        with client_of(settings_of(data_dir), url) as client:
+        with client_at(url, data_dir) as client:
             system = System(client, owned=False, check=lambda: None)
             run = client.run(run_id)
             progress = follow(system, run_id, display_of(f"{run.name} ({run_id})", run_id, json_lines=json_lines))
@@ -230,7 +212,7 @@ def status(
         run, progress = source.run(run_id), source.progress(run_id)
         if json_lines:
             document = {"run": run.id, "name": run.name, **progress.model_dump(mode="json")}
-            typer.echo(json.dumps(document, ensure_ascii=False))
+            print_json(document)
             return
         out = console()
         show_verdicts(source, run_id, progress)
@@ -240,197 +222,11 @@ def status(
                 out.print(line, style="red")
 
 
-def report(
-    run_ids: RunIds,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File to write.", show_default="reports/ next to the data folder"),
-    ] = None,
-    claims: Annotated[
-        Path | None,
-        typer.Option("--claims", metavar="FILE", help="Also test these claims, such as examples/claims/paper.yaml."),
-    ] = None,
-    beside: Annotated[
-        str | None,
-        typer.Option(
-            "--beside",
-            metavar="RUN|FILE.json",
-            help="Show a comparison with another run of the same scenes, such as one in Cycles, or one that `compare` wrote.",
-        ),
-    ] = None,
-    figures: Annotated[
-        Path | None,
-        typer.Option(
-            "--figures",
-            metavar="FOLDER",
-            help="Also write the numbers of its figures: a .csv and a .parquet each.",
-        ),
-    ] = None,
-    url: Url = None,
-    data_dir: DataDir = None,
-) -> None:
-    """Write the self-contained report of an ended run to a file, and print its path. Needs no server.
-
-    Several runs, such as of one grid on several sites, get one report together. That of several runs, or with
-    --claims, --beside or --figures, is rebuilt from the data folder. Chromium prints it if the file is FILE.pdf.
-    """
-    from valerie.cli.claims import read_claims
-    from valerie.cli.connecting import source_of
-    from valerie.cli.following import report_path
-    from valerie.cli.shell import save
-
-    written = len(run_ids) == 1 and (claims, beside, figures) == (None, None, None)
-    if url is not None and not written:
-        problem = "several runs, --claims, --beside and --figures read the data folder"
-        raise InvalidInput(problem, field="--url", value=url, limit="--data-dir")
-    with source_of(data_dir, url) as source:
-        path = output or report_path(settings_of(data_dir), source.run(run_ids[0]).name, run_ids[0])
-        if written:
-            content = source.report(run_ids[0])
-        else:
-            statements = None if claims is None else read_claims(claims)
-            rebuilt = _report_with(run_ids, statements, beside, data_dir)
-            content = rebuilt.html.encode()
-            if figures is not None:
-                _write_figures(rebuilt.figures, figures)
-    if path.suffix == ".pdf":
-        from valerie.cli.printing import pdf_of
-
-        content = pdf_of(content)
-    typer.echo(save(content, path))
-
-
-def _write_figures(tables: Mapping[str, pa.Table], folder: Path) -> None:
-    from valerie.analysis.rows.table import encoded
-
-    for name, table in tables.items():
-        for suffix in ("csv", "parquet"):
-            write_output(folder / f"{name}.{suffix}", encoded(table, suffix))
-
-
-def _report_with(
-    run_ids: Sequence[str], claims: Claims | None, beside: str | None, data_dir: Path | None
-) -> ReportWith:
-    from valerie.local.deployment import context_of
-    from valerie.pipeline.reading.reports import report_with
-
-    with context_of(data_dir) as context:
-        return report_with(context, *run_ids, claims=claims, other=_comparison(beside))
-
-
-def _comparison(beside: str | None) -> str | Beside | None:
-    """Return the id of a run as it is, and a comparison from its file."""
-    if beside is None or not beside.endswith(".json"):
-        return beside
-    from valerie.analysis.comparison import beside as comparison
-    from valerie.local.spec_files import read_spec
-
-    return comparison.Beside.from_json(read_spec(Path(beside)))
-
-
-@dataclass(frozen=True, slots=True)
-class Sides:
-    """The rows of a comparison."""
-
-    functions: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--function",
-            metavar="NAME",
-            help="Twice: a function of RUN, and the one of OTHER (or RUN) to compare it with.",
-        ),
-    ] = None
-    across: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--across",
-            metavar="PARAMETER",
-            help="Match frames that differ in this parameter, which each run holds at a value of its own, such as "
-            "sun-1.elevation of a run by day and one at dusk; may be repeated.",
-        ),
-    ] = None
-    where: Annotated[
-        str,
-        typer.Option(
-            "--where", metavar="EXPRESSION", help='Only rows of RUN that satisfy this expression: "distance_m > 25".'
-        ),
-    ] = ""
-
-
-@takes_documents
-def compare(
-    run_id: RunId,
-    sides: Sides,
-    other: Annotated[
-        str | None, typer.Argument(metavar="[OTHER]", help="A run of the same scenes.", show_default=False)
-    ] = None,
-    claims: Annotated[
-        Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims on both sides.")
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="Also write FILE.html, the report of RUN with pictures; or the "
-            "differences as FILE.csv, .parquet or .json.",
-        ),
-    ] = None,
-    as_json: AsJson = False,
-    data_dir: DataDir = None,
-) -> None:
-    """Compare two ended runs on their shared scenes, or two functions of one run.
-
-    Prints paired differences of pACC by slice (distance, occlusion, character,
-    camera, every varied parameter), rank correlation, and which conclusions hold
-    on both sides. The report shows the worst regressions.
-    """
-    from valerie.cli.claims import read_claims
-    from valerie.cli.comparing import contents, renderables
-    from valerie.cli.datasets import counting
-    from valerie.cli.shell import write_output
-    from valerie.local.deployment import context_of
-    from valerie.pipeline.reading.reports import compare_runs, report_with
-
-    pair = _function_pair(other, sides.functions or [])
-    require_format(output, (".html", ".csv", ".parquet", ".json"))
-    statements = None if claims is None else read_claims(claims)
-    with context_of(data_dir) as context:
-        comparison = compare_runs(
-            context, run_id, other or run_id,
-            functions=pair, claims=statements, across=sides.across or (), where=sides.where, progress=counting("frames compared"),
-        )  # fmt: skip
-        if output is not None and output.suffix == ".html":
-            html = report_with(context, run_id, claims=statements, other=comparison).html
-            write_output(output, html.encode())
-    if output is not None and output.suffix != ".html":
-        write_output(output, contents(comparison, output.suffix))
-    if as_json:
-        typer.echo(json.dumps(comparison.to_json(), ensure_ascii=False))
-        return
-    for part in renderables(comparison):
-        console().print(part)
-
-
-def _function_pair(other: str | None, functions: list[str]) -> tuple[str, str] | None:
-    """Return the functions to compare; None for all."""
-    if len(functions) == 2:
-        here, there = functions
-        if other is None and here == there:
-            raise InvalidInput("a function is compared with itself", field="--function", value=here)
-        return here, there
-    if functions or other is None:
-        limit = "OTHER, a run of the same scenes; or --function A --function B"
-        raise InvalidInput(
-            "a comparison has two sides", field="--function", value=", ".join(functions) or None, limit=limit
-        )
-    return None
-
-
 def cancel(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
     """Stop a run. Finished products stay, and `resume` continues the run."""
-    with _client(url, data_dir) as client:
+    from valerie.cli.connecting import client_at
+
+    with client_at(url, data_dir) as client:
         _say_state(client.cancel(run_id))
     say(f"continue it with: {_command_line('resume', run_id, data_dir=data_dir, url=url)}")
 
@@ -466,62 +262,20 @@ def resume(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
 
 def retry(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
     """Retry the products of a run that failed for good."""
-    with _client(url, data_dir) as client:
+    from valerie.cli.connecting import client_at
+
+    with client_at(url, data_dir) as client:
         _say_state(client.retry(run_id))
 
 
 def delete(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
     """Delete an ended run. `valerie gc` then removes products that no other run needs."""
-    with _client(url, data_dir) as client:
+    from valerie.cli.connecting import client_at
+
+    with client_at(url, data_dir) as client:
         client.delete(run_id)
     gc = _command_line("gc", data_dir=data_dir)
     say(f"run {run_id} is deleted; `{gc}` removes products that no other run needs")
-
-
-def mark(
-    target: Annotated[str, typer.Argument(metavar="RUN|FRAME", help="Id of a run or of a frame.")],
-    finding: Annotated[
-        int | None, typer.Option("--finding", metavar="N", help="A finding or candidate, by its number in the report.")
-    ] = None,
-    tags: Annotated[list[str] | None, typer.Option("--tag", help="Add a tag; may be repeated.")] = None,
-    untag: Annotated[list[str] | None, typer.Option("--untag", help="Remove a tag; may be repeated.")] = None,
-    note: Annotated[str | None, typer.Option("--note", help="Replace the note; an empty text removes it.")] = None,
-    as_json: AsJson = False,
-    url: Url = None,
-    data_dir: DataDir = None,
-) -> None:
-    """Put tags and a note on a run, a frame or a finding; without options, show those of the run.
-
-    They are for people: no spec, digest or result contains them. They are deleted with the run.
-    """
-    from valerie.analysis.findings.findings import Findings
-    from valerie.client import Mark
-    from valerie.plain import typed
-
-    run_id, _, name = target.partition(".")
-    with _client(url, data_dir) as client:
-        marks = client.marks(run_id)
-        kind = "frame" if name else "run"
-        if finding is not None:
-            findings = typed(Findings, client.summary(run_id).findings)
-            kind, name = "finding", findings.numbered(finding).sentence
-        if tags or untag or note is not None:
-            present = next((mark for mark in marks if (mark.kind, mark.name) == (kind, name)), None)
-            kept = set(present.tags if present else ()) - set(untag or ()) | set(tags or ())
-            text = note if note is not None else present.note if present else ""
-            marks = client.put_mark(run_id, Mark(kind=kind, name=name, tags=tuple(sorted(kept)), note=text))
-    for mark in marks:
-        if as_json:
-            typer.echo(mark.model_dump_json())
-        else:
-            subject = run_id if mark.kind == "run" else f"{run_id}.{mark.name}" if mark.kind == "frame" else mark.name
-            typer.echo(": ".join(part for part in (subject, ", ".join(mark.tags), mark.note) if part))
-
-
-def _client(url: str | None, data_dir: Path | None) -> Client:
-    from valerie.cli.connecting import client_of
-
-    return client_of(settings_of(data_dir), url)
 
 
 def _say_state(run: Run) -> None:

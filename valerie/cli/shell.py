@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import pwd
 import signal
@@ -65,6 +66,11 @@ def say(text: str = "") -> None:
     """Print a line for people to standard error, since standard output is for results."""
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
+
+
+def print_json(document: object, *, indent: int | None = None) -> None:
+    """Print a document as JSON to standard output, on one line without ``indent``."""
+    typer.echo(json.dumps(document, ensure_ascii=False, indent=indent))
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from valerie.local.terminal import console
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from valerie.runs.forecasting.forecast import Plan
+    from valerie.runs.forecasting.plan import Plan
     from valerie.runs.resolving.spec import ResolvedRun
     from valerie.settings import Settings
 
@@ -214,7 +214,7 @@ def _variants(plan: Plan) -> Table:
 
     table = Table.grid(padding=(0, 2))
     for variant in (*plan.first, *(v for v in plan.last if v not in plan.first)):
-        parts = [f"{name} {_number(value)}{_unit(plan, name)}" for name, value in variant.values.items()]
+        parts = [f"{name} {number_text(value)}{_unit(plan, name)}" for name, value in variant.values.items()]
         if variant.sun is not None:
             parts.append(f"sun at {variant.sun[0]:.1f}°, {variant.sun[1]:.1f}° above the horizon")
         if variant.rejection:
@@ -265,7 +265,8 @@ def _bytes(count: int) -> str:
     return f"{size:,.1f} TB"
 
 
-def _number(value: object) -> str:
+def number_text(value: object) -> str:
+    """Return a value, a number in its shortest form."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

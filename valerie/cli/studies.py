@@ -16,8 +16,8 @@ from valerie.local.spec_files import read_spec
 from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
+    from valerie.answers import NextBatch, Study
     from valerie.cli.connecting import System
-    from valerie.client import Client, NextBatch, Study
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -45,8 +45,8 @@ def new(
 @app.command()
 def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: DataDir = None) -> None:
     """Show the first batch of a study and its price, without storing anything."""
+    from valerie.answers import NextBatch
     from valerie.cli.connecting import client_of
-    from valerie.client import NextBatch
     from valerie.embedded import running
     from valerie.runs.study.study_document import CascadeGoal, parse_study
 
@@ -83,7 +83,7 @@ def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: Da
 
 def _show_budget(first: NextBatch, variants: int) -> None:
     """Print the price of a study that spends its variants, from that of its first batch."""
-    from valerie.runs.forecasting.forecast import Plan
+    from valerie.runs.forecasting.plan import Plan
     from valerie.runs.moments import duration
 
     plan = Plan.model_validate(first.plan)
@@ -248,7 +248,9 @@ def next_batch(
     data_dir: DataDir = None,
 ) -> None:
     """Show the newest open batch of a study: why these variants, and their price."""
-    with _client(url, data_dir) as client:
+    from valerie.cli.connecting import client_at
+
+    with client_at(url, data_dir) as client:
         batch = client.next_batch(study_id)
     if spec is not None:
         write_output(spec, batch.spec.encode())
@@ -258,7 +260,9 @@ def next_batch(
 @app.command()
 def accept(study_id: StudyId, count: Count = None, url: Url = None, data_dir: DataDir = None) -> None:
     """Accept the proposed batch of a study by hand."""
-    with _client(url, data_dir) as client:
+    from valerie.cli.connecting import client_at
+
+    with client_at(url, data_dir) as client:
         _say(client.accept_batch(study_id, count=count))
 
 
@@ -270,23 +274,29 @@ def mode(
     data_dir: DataDir = None,
 ) -> None:
     """Let a study run by itself, or ask before each batch."""
+    from valerie.cli.connecting import client_at
+
     if how not in ("automatic", "by-hand"):
         raise InvalidInput("no such mode", field="MODE", value=how, limit="automatic, by-hand")
-    with _client(url, data_dir) as client:
+    with client_at(url, data_dir) as client:
         _say(client.set_study_mode(study_id, by_hand=how == "by-hand"))
 
 
 @app.command()
 def stop(study_id: StudyId, url: Url = None, data_dir: DataDir = None) -> None:
     """End a study now, with its result so far; its runs are cancelled."""
-    with _client(url, data_dir) as client:
+    from valerie.cli.connecting import client_at
+
+    with client_at(url, data_dir) as client:
         _say(client.stop_study(study_id))
 
 
 @app.command()
 def resume(study_id: StudyId, url: Url = None, data_dir: DataDir = None) -> None:
     """Continue a paused study; failed products are tried again."""
-    with _client(url, data_dir) as client:
+    from valerie.cli.connecting import client_at
+
+    with client_at(url, data_dir) as client:
         _say(client.resume_study(study_id))
 
 
@@ -307,12 +317,6 @@ def report(
     with source_of(data_dir, url) as source:
         path = output or report_path(settings_of(data_dir), source.study(study_id).name, study_id)
         write_output(path, source.study_report(study_id))
-
-
-def _client(url: str | None, data_dir: Path | None) -> Client:
-    from valerie.cli.connecting import client_of
-
-    return client_of(settings_of(data_dir), url)
 
 
 def follow_study(system: System, study_id: str, *, quiet: bool) -> Study:
@@ -377,7 +381,7 @@ def _show_next(batch: NextBatch, *, as_json: bool) -> None:
         typer.echo(batch.model_dump_json(indent=1))
         return
     from valerie.cli.specs import show_plan
-    from valerie.runs.forecasting.forecast import Plan
+    from valerie.runs.forecasting.plan import Plan
 
     rejections = f", {batch.rejected} rejected" if batch.rejected else ""
     typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejections}.\n")

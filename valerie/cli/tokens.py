@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli.shell import AsJson, DataDir, Url, recorded, say
+from valerie.cli.shell import AsJson, DataDir, Url, print_json, recorded, say
 from valerie.local.deployment import context_of
 
 app = typer.Typer(no_args_is_help=True, help="Manage tokens of the API, each with an owner and a role.")
@@ -93,7 +93,7 @@ def quota(as_json: AsJson = False, url: Url = None, data_dir: DataDir = None) ->
     with source_of(data_dir, url) as source:
         quotas = source.quotas()
     if as_json:
-        typer.echo(json.dumps([quota.model_dump() for quota in quotas], ensure_ascii=False))
+        print_json([quota.model_dump() for quota in quotas])
         return
     if not quotas:
         say("no quotas")

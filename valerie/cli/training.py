@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ import typer
 
 from valerie.cli import training_sets
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, InferenceThreads, recorded, say
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, print_json, recorded, say
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of, settings_of
 from valerie.local.terminal import command_name, console
@@ -268,7 +267,7 @@ def _compare(
 
 def _show(comparison: VersionComparison, *, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps(comparison.as_document(), ensure_ascii=False))
+        print_json(comparison.as_document())
         return
     from valerie.analysis.comparison.drawing import comparison_renderable
 

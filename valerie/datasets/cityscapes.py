@@ -167,15 +167,6 @@ class CityscapesFolder(Sequence[LabelledFrame]):
         return _Entry(name, picture, labels, instances if instances.is_file() else None)
 
 
-def read_prediction(root: Path, function: str, split: str, name: FrameName) -> NDArray[np.uint8]:
-    """Read a prediction that `write_prediction` wrote: (H, W) uint8 label ids.
-
-    Raises:
-        NotFound, CorruptArtifact: the file is missing, or is not a picture.
-    """
-    return _labels(root / prediction_path(function, split, name))
-
-
 class _Opened:
     """An open image file, with the errors of `valerie.errors`."""
 

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple, TypeVar
 from sqlalchemy import ColumnElement, Connection, Subquery, delete, insert, select, union
 from sqlalchemy.orm import InstrumentedAttribute
 
+from valerie.db.links import links_of
 from valerie.db.models import (
     Base,
     Evaluation,
@@ -26,7 +27,6 @@ from valerie.db.models import (
     Score,
     Variant,
 )
-from valerie.db.runs import links_of
 from valerie.db.statements import Values, among, insert_ignoring
 from valerie.errors import Conflict
 from valerie.runs.products.states import ProductKind, ProductState

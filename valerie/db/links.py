@@ -6,7 +6,19 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Connection, and_, bindparam, exists, or_, select, tuple_
+from sqlalchemy import (
+    BindParameter,
+    ColumnElement,
+    Connection,
+    Subquery,
+    and_,
+    bindparam,
+    exists,
+    or_,
+    select,
+    tuple_,
+    union,
+)
 
 from valerie.db.archives import stored_in_archives
 from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Run, Variant
@@ -30,6 +42,11 @@ PRODUCT_LINKS: Final = (*PICTURE_LINKS, (Evaluation, Evaluation.scores))
 
 #: Joins a frame with its variant.
 VARIANT_OF_FRAME = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)
+
+
+def links_of(run_id: str | BindParameter[str]) -> Subquery:
+    """Return the digests of the products that a run links to, each once."""
+    return union(*(select(column).where(table.run_id == run_id) for table, column in PRODUCT_LINKS)).subquery()
 
 
 def has_product(connection: Connection, digest: str, *, project: str) -> bool:

@@ -208,12 +208,6 @@ def pieces(connection: Connection, run_id: str) -> Iterator[Piece]:
         yield Piece(variants, cameras, times, sensors, functions, instances, measures)
 
 
-def assignments(connection: Connection, run_id: str) -> dict[int, Assignment]:
-    """Read index and assignment of the variants of a run that have frames."""
-    query = select(Variant.index, Variant.assignment).where(Variant.run_id == run_id, Variant.rejection.is_(None))
-    return {index: assignment for index, assignment in connection.execute(query)}  # noqa: C416
-
-
 def _read(form: Callable[..., R], connection: Connection, run_id: str, query: Select[Any]) -> Iterator[R]:
     for variant, camera, time, sensor, function, instance, *values, assignment in connection.execute(query):
         measures = dict(zip(_MEASURES, values, strict=True))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from sqlalchemy import Column, Connection, Engine, inspect, select, text
 
-from valerie.db.engine import reading, translated, unbounded
+from valerie.db.engine import open_database, reading, translated, unbounded
 from valerie.db.long_table import measure_columns
 from valerie.db.models import REVISION
 from valerie.errors import Conflict
@@ -50,6 +50,15 @@ def migrate(engine: Engine) -> None:
         return
     _refuse_unknown(state.revision)
     _upgrade(engine, "head")
+
+
+def migrate_url(url: str) -> None:
+    """Migrate the database at an address; errors as in `migrate`."""
+    engine = open_database(url)
+    try:
+        migrate(engine)
+    finally:
+        engine.dispose()
 
 
 def create(engine: Engine, revision: str) -> None:

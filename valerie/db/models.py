@@ -238,7 +238,7 @@ class Product(Base):
 
 
 class OwnerTurn(Base):
-    """How far a queue has served the products of an owner; see `valerie.db.products.claim_next`."""
+    """How far a queue has served the products of an owner; see `valerie.db.claiming.claim_next`."""
 
     __tablename__ = "owner_turns"
 
@@ -247,6 +247,12 @@ class OwnerTurn(Base):
     #: The owner's turn when it was served last, and its next one.
     start: Mapped[float] = mapped_column(Float)
     turn: Mapped[float] = mapped_column(Float)
+
+
+def _existing_frame(name: str) -> ForeignKeyConstraint:
+    """Return the constraint that a row's frame exists, and that the row goes with it."""
+    keys = ["run_id", "variant_index", "camera_index", "time_index"]
+    return ForeignKeyConstraint(keys, [f"frames.{key}" for key in keys], ondelete="CASCADE", name=name)
 
 
 class Frame(Base):
@@ -296,12 +302,7 @@ class Evaluation(Base):
     distorted: Mapped[bool] = mapped_column(default=False)
 
     __table_args__ = (
-        ForeignKeyConstraint(
-            ["run_id", "variant_index", "camera_index", "time_index"],
-            ["frames.run_id", "frames.variant_index", "frames.camera_index", "frames.time_index"],
-            ondelete="CASCADE",
-            name="fk_evaluations_frame",
-        ),
+        _existing_frame("fk_evaluations_frame"),
         Index("ix_evaluations_prediction", "prediction"),
         Index("ix_evaluations_scores", "scores"),
         Index("ix_evaluations_empty", "empty"),
@@ -321,12 +322,7 @@ class FrameAnnotation(Base):
     product: Mapped[str] = mapped_column(Digest)
 
     __table_args__ = (
-        ForeignKeyConstraint(
-            ["run_id", "variant_index", "camera_index", "time_index"],
-            ["frames.run_id", "frames.variant_index", "frames.camera_index", "frames.time_index"],
-            ondelete="CASCADE",
-            name="fk_frame_annotations_frame",
-        ),
+        _existing_frame("fk_frame_annotations_frame"),
         Index("ix_frame_annotations_product", "product"),
     )
 

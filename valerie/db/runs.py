@@ -1,37 +1,27 @@
-"""Queries about runs: their rows, variants and links."""
+"""Queries about runs: their rows, states and products."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Set
+from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Final, NamedTuple, TypedDict, Unpack
+from typing import Final, NamedTuple, TypedDict, Unpack
 
 from sqlalchemy import (
-    BindParameter,
-    ColumnElement,
     Connection,
-    Select,
     String,
-    Subquery,
-    and_,
     bindparam,
-    case,
     delete,
     func,
     insert,
     select,
-    union,
     update,
 )
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db import marks
-from valerie.db.engine import database_time
-from valerie.db.links import PRODUCT_LINKS
+from valerie.db.links import links_of
 from valerie.db.models import (
-    Assignment,
-    DeletedRun,
     Evaluation,
     FedBlock,
     Frame,
@@ -106,20 +96,6 @@ class RunValues(TypedDict, total=False):
     finished_at: datetime | None
 
 
-class Unfinished(NamedTuple):
-    """The unfinished runs of an owner or a project.
-
-    Attributes:
-        runs: their number.
-        variants: number of their variants.
-        forecast: what the rest of them is forecast to take.
-    """
-
-    runs: int
-    variants: int
-    forecast: Cost
-
-
 class Fed(NamedTuple):
     """The part of a run that has rows.
 
@@ -134,16 +110,6 @@ class Fed(NamedTuple):
     next_index: int
     rejected_count: int
     turn: float
-
-
-@dataclass(frozen=True, slots=True)
-class VariantRow:
-    """A variant; see `valerie.db.models.Variant`."""
-
-    index: int
-    block: int
-    assignment: Assignment
-    rejection: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,106 +325,6 @@ def count_by_state(connection: Connection) -> dict[RunState, int]:
     return {state: count for state, count in rows}  # noqa: C416  # mypy reads the types of rows
 
 
-def unfinished(connection: Connection, *, owner: str | None = None, project: str = "", besides: str = "") -> Unfinished:
-    """Return what an owner or a project has unfinished; also paused runs, which may go on by themselves.
-
-    Args:
-        connection: to read with.
-        owner: of the runs; None: all.
-        project: of the runs; empty: all.
-        besides: id of a run that is not counted.
-    """
-    columns = Run.variant_count, Run.forecast, Run.progress
-    query = select(*columns).where(Run.state.in_(ACTIVE), Run.id != besides, _held(Run, owner, project))
-    rows = connection.execute(query).all()
-    rests = [rest(forecast, progress) for _, forecast, progress in rows]
-    return Unfinished(
-        len(rows),
-        sum(variants for variants, _, _ in rows),
-        Cost(sum(each.cpu_seconds for each in rests), sum(each.bytes for each in rests)),
-    )
-
-
-def rest(forecast: Cost | None, progress: Progress | None) -> Cost:
-    """Return the part of a run's forecast that is ahead of it; nothing without a forecast."""
-    left = 1.0 if progress is None else progress.left
-    return Cost(0.0, 0.0) if forecast is None else Cost(forecast.cpu_seconds * left, forecast.bytes * left)
-
-
-def made(connection: Connection, *, owner: str | None = None, project: str = "", since: float = 0.0) -> Cost:
-    """Return the CPU time that the products of an owner or a project took, and the size of those that are stored.
-
-    A product counts once and in full, also if runs of others share it. CPU time counts after its run is deleted. Of an archived
-    run, what no other run shared counts.
-
-    Args:
-        connection: to read with.
-        owner: of the runs; None: all.
-        project: of the runs; empty: all.
-        since: Unix seconds; CPU time of what was made before does not count.
-    """
-    links = union(*_links_of_runs(_held(Run, owner, project))).subquery()
-    seconds, size = connection.execute(select(*_sums(since)).join(links, links.c[0] == Product.digest)).one()
-    of_deleted = DeletedRun.finished_at >= since, _held(DeletedRun, owner, project)
-    deleted = connection.scalar(select(func.sum(DeletedRun.cpu_seconds)).where(*of_deleted))
-    costs = [Cost(float(seconds or 0.0) + float(deleted or 0.0), float(size or 0.0))]
-    query = select(Run.archive, Run.finished_at).where(Run.archive.is_not(None), _held(Run, owner, project))
-    for archive, finished_at in connection.execute(query):
-        if archive is not None:
-            recent = finished_at is None or finished_at.timestamp() >= since
-            costs.append(Cost(archive.cpu_seconds if recent else 0.0, archive.stored_bytes))
-    return Cost(sum(cost.cpu_seconds for cost in costs), sum(cost.bytes for cost in costs))
-
-
-def unshared(connection: Connection, run: RunRow, *, since: float) -> Cost:
-    """Return the CPU time, since a moment, and the size of what no other run of a run's owner and project shares with it."""
-    if run.archive is not None:
-        return Cost(run.archive.cpu_seconds, run.archive.stored_bytes)
-    others = Run.owner == run.owner, Run.project == run.project, Run.id != run.id
-    own = links_of(run.id)
-    shared = union(*_links_of_runs(*others)).subquery()
-    sums = connection.execute(
-        select(*_sums(since))
-        .join(own, own.c[0] == Product.digest)
-        .outerjoin(shared, shared.c[0] == Product.digest)
-        .where(shared.c[0].is_(None))
-    ).one()
-    return Cost(*(float(value or 0.0) for value in sums))
-
-
-def _sums(since: float) -> tuple[ColumnElement[Any], ColumnElement[Any]]:
-    """Return the columns for the CPU time, since a moment, and the size of products."""
-    return (
-        func.sum(case((Product.finished_at >= since, Product.cpu_seconds))),
-        func.sum(case((Product.state == ProductState.DONE, Product.bytes))),
-    )
-
-
-def remember(connection: Connection, run: RunRow, cpu_seconds: float, *, since: float) -> None:
-    """Keep the CPU time of a run that is about to be deleted, for `made`; forget that of runs that ended before ``since``."""
-    ended = database_time(connection) if run.finished_at is None else run.finished_at.timestamp()
-    connection.execute(delete(DeletedRun).where((DeletedRun.finished_at < since) | (DeletedRun.id == run.id)))
-    values = {"owner": run.owner, "project": run.project, "cpu_seconds": cpu_seconds, "finished_at": ended}
-    connection.execute(insert(DeletedRun).values(id=run.id, **values))
-
-
-def holders(connection: Connection) -> list[tuple[str, str]]:
-    """Return the owners of runs with their projects, sorted; the operator is none."""
-    query = select(Run.owner, Run.project).distinct().where(Run.owner.is_not(None)).order_by(Run.owner, Run.project)
-    return [(str(owner), project) for owner, project in connection.execute(query)]
-
-
-def _links_of_runs(*conditions: ColumnElement[bool]) -> Iterator[Select[tuple[str]]]:
-    """Yield queries of the digests that runs link to."""
-    for table, column in PRODUCT_LINKS:
-        yield select(column).join(Run, Run.id == table.run_id).where(*conditions)
-
-
-def _held(table: type[Run | DeletedRun], owner: str | None, project: str) -> ColumnElement[bool]:
-    """Return the condition that a run is of an owner, if one is given, and of a project."""
-    return within(table, project) if owner is None else and_(table.owner == owner, within(table, project))
-
-
 def change_state(
     connection: Connection,
     run_id: str,
@@ -488,11 +354,6 @@ def remove(connection: Connection, run_id: str) -> None:
         connection.execute(delete(table).where(table.run_id == run_id))
     marks.remove_all(connection, run_id)
     connection.execute(delete(Run).where(Run.id == run_id))
-
-
-def links_of(run_id: str | BindParameter[str]) -> Subquery:
-    """Return the digests of the products that a run links to, each once."""
-    return union(*(select(column).where(table.run_id == run_id) for table, column in PRODUCT_LINKS)).subquery()
 
 
 _LINKS: Final = links_of(bindparam("run", type_=String))
@@ -543,49 +404,3 @@ def awaited_count(connection: Connection, run_id: str) -> int:
 
 
 _AWAITED: Final = (Product.state == ProductState.READY, Product.route == UPLOADED_ROUTE)
-
-
-def rejections(connection: Connection, run_id: str) -> dict[str, int]:
-    """Return the number of rejected variants by reason."""
-    rows = connection.execute(
-        select(Variant.rejection, func.count())
-        .where(Variant.run_id == run_id, Variant.rejection.is_not(None))
-        .group_by(Variant.rejection)
-    )
-    return {str(reason): int(count) for reason, count in rows}
-
-
-def variants_page(
-    connection: Connection, run_id: str, *, after: int, limit: int, rejected: bool | None = None
-) -> list[VariantRow]:
-    """Return variants with an index above ``after``, ascending.
-
-    Args:
-        connection: to read with.
-        run_id: of an existing run.
-        after: index of the last variant read.
-        limit: largest number of variants.
-        rejected: only the rejected variants, or only the others; None: both.
-    """
-    query = (
-        select(*columns_of(VariantRow, Variant))
-        .where(Variant.run_id == run_id, Variant.index > after)
-        .order_by(Variant.index)
-        .limit(limit)
-    )
-    if rejected is not None:
-        query = query.where(Variant.rejection.is_not(None) if rejected else Variant.rejection.is_(None))
-    return read_all(connection, query, VariantRow)
-
-
-def assignments(connection: Connection, run_id: str, variants: Set[int]) -> dict[int, Assignment]:
-    """Read the assignment of each of ``variants`` (indexes) of a run."""
-    if not variants:
-        return {}
-    rows = connection.execute(
-        select(Variant.index, Variant.assignment).where(
-            Variant.run_id == run_id, Variant.index.between(min(variants), max(variants)), Variant.rejection.is_(None)
-        )
-    )
-    # By position: `index` is a method of every row.
-    return {index: assignment for index, assignment in rows if index in variants}

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TypedDict, Unpack
 
-from sqlalchemy import Connection, Update, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Update, func, insert, select, update
 
+from valerie.db.links import links_of
 from valerie.db.models import Product, StudyBatch
 from valerie.db.models import Study as StudyTable
 from valerie.db.rows import columns_of, read_all, read_first
-from valerie.db.runs import links_of
 from valerie.db.statements import Seen, insert_ignoring, newest_first, within
 from valerie.errors import NotFound
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
@@ -182,9 +182,7 @@ def reset_retries(connection: Connection, study_id: str) -> None:
 
 def price(connection: Connection, run_id: str) -> float:
     """Return the CPU time, seconds, that the products of a run took, whenever they were made."""
-    links = links_of(run_id)
-    query = select(func.coalesce(func.sum(Product.cpu_seconds), 0.0)).join(links, links.c[0] == Product.digest)
-    return float(connection.scalar(query) or 0.0)
+    return _cpu_seconds(connection, run_id)
 
 
 def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) -> None:
@@ -196,12 +194,17 @@ def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) 
     ).first()
     spent = 0.0
     if row is not None and row.run_id is not None and row.accepted_at is not None:
-        links = links_of(row.run_id)
-        query = select(func.coalesce(func.sum(Product.cpu_seconds), 0.0)).join(links, links.c[0] == Product.digest)
-        spent = float(connection.scalar(query.where(Product.finished_at >= row.accepted_at.timestamp())) or 0.0)
+        spent = _cpu_seconds(connection, row.run_id, Product.finished_at >= row.accepted_at.timestamp())
     connection.execute(
         _of(study_id, number).where(StudyBatch.outcomes.is_(None)).values(outcomes=outcomes, cpu_seconds=spent)
     )
+
+
+def _cpu_seconds(connection: Connection, run_id: str, *conditions: ColumnElement[bool]) -> float:
+    """Return the CPU time of the products of a run that meet all conditions."""
+    links = links_of(run_id)
+    query = select(func.sum(Product.cpu_seconds)).join(links, links.c[0] == Product.digest).where(*conditions)
+    return float(connection.scalar(query) or 0.0)
 
 
 def _of(study_id: str, number: int) -> Update:

@@ -145,7 +145,7 @@ def totals(connection: Connection) -> list[KindTotal]:
 
 
 def held(connection: Connection) -> list[HeldProducts]:
-    """Return what each process makes now, by the names in leases (see `valerie.pipeline.base.context.Context`)."""
+    """Return the products that each process makes now, by the names in leases (see `valerie.pipeline.base.context.Context`)."""
     rows = connection.execute(
         select(Product.lease_owner, Product.kind, func.count())
         .where(UNFINISHED, RUNNING, Product.lease_owner.is_not(None))

@@ -106,15 +106,15 @@ class GuardedProcess:
         if self._guard.returncode < 0:
             self._kill_group()
 
-    def last_lines(self, count: int = 15) -> str:
-        """Return the last lines of the log."""
+    def last_lines(self) -> str:
+        """Return the last 15 lines of the log."""
         try:
             with self.command.log.open("rb") as log:
                 log.seek(max(self.command.log.stat().st_size - 20_000, 0))
                 lines = log.read().decode(errors="replace").rstrip().splitlines()
         except OSError:
             return ""
-        return "\n".join(lines[-count:])
+        return "\n".join(lines[-15:])
 
     def _kill_group(self) -> None:
         if self.pid:

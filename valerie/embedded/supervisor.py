@@ -113,17 +113,17 @@ class Supervisor:
     so that a wrong version or a read-only folder is one clear error before any process starts.
     """
 
-    def __init__(self, settings: Settings, lock: running.Lock, *, workers: Sequence[str] = tuple(WORKERS)) -> None:
+    def __init__(self, settings: Settings, lock: running.Lock) -> None:
         """Prepare; nothing is started yet.
 
         Args:
-            settings: of the deployment; an explicit ``broker_url`` replaces the system's own Redis.
+            settings: of the deployment; an explicit ``broker_url`` replaces the system's own Redis. No worker starts without
+                a broker: workers join that ask the database.
             lock: the held lock of the data folder; released at the end.
-            workers: names in `WORKERS` to start. None starts without a broker: workers join that ask the database.
         """
         self._initial_settings = settings
         self._lock = lock
-        self._worker_names = tuple(workers) if settings.broker_url != NO_BROKER else ()
+        self._worker_names = tuple(WORKERS) if settings.broker_url != NO_BROKER else ()
         self._services: dict[str, Service] = {}
         self._guarding = threading.Lock()
         self._stop = threading.Event()
@@ -196,17 +196,12 @@ class Supervisor:
         self._note()
 
     def _prepare_stores(self) -> None:
-        from valerie.db.engine import open_database
-        from valerie.db.migrate import migrate
+        from valerie.db.migrate import migrate_url
         from valerie.storage import open_store
 
         settings = self._initial_settings
         open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint).check()
-        engine = open_database(settings.database_url)
-        try:
-            migrate(engine)
-        finally:
-            engine.dispose()
+        migrate_url(settings.database_url)
 
     def _add(self, name: str, arguments: Sequence[str], settings: Settings) -> None:
         command = Command(

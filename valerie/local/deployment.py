@@ -102,14 +102,9 @@ def create_or_migrate(settings: Settings) -> None:
 
 def migrate_database(settings: Settings) -> None:
     """Create the tables, or migrate them to this version."""
-    from valerie.db.engine import open_database
-    from valerie.db.migrate import migrate
+    from valerie.db.migrate import migrate_url
 
-    engine = open_database(settings.database_url)
-    try:
-        migrate(engine)
-    finally:
-        engine.dispose()
+    migrate_url(settings.database_url)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from valerie.client import Progress, StageProgress
+from valerie.answers import Progress, StageProgress
 from valerie.local.terminal import console
 from valerie.runs.moments import duration
 from valerie.runs.products.states import RunState

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from valerie.client import (
+from valerie.answers import (
     Failure,
     Frame,
     Progress,
@@ -98,15 +98,15 @@ class Folder:
 
     def summary(self, run_id: str) -> RunSummary:
         """Return summary, findings and verdicts of an ended run."""
-        from valerie.pipeline.base.run_artifacts import SUMMARY
+        from valerie.pipeline.base.run_artifacts import SUMMARY, read_artifact
 
-        return RunSummary.model_validate_json(self._artifact(run_id, SUMMARY))
+        return RunSummary.model_validate_json(read_artifact(self._context, run_id, SUMMARY))
 
     def report(self, run_id: str) -> bytes:
         """Return the self-contained HTML report of an ended run."""
-        from valerie.pipeline.base.run_artifacts import REPORT
+        from valerie.pipeline.base.run_artifacts import REPORT, read_artifact
 
-        return self._artifact(run_id, REPORT)
+        return read_artifact(self._context, run_id, REPORT)
 
     def annotations(self, run_id: str) -> tuple[str, ...]:
         """Return the kinds of annotations that the spec of a run requests."""
@@ -143,13 +143,13 @@ class Folder:
         ((name, product),) = find_annotations(self._context, key, [kind]).items()
         return npz(annotation_arrays(self._context, ProductReader(self._context.store), key.run_id, name, product))
 
-    def studies(self, *, limit: int = 20) -> list[Study]:
-        """Return studies, newest first."""
+    def studies(self) -> list[Study]:
+        """Return the newest studies, at most 20, newest first."""
         from valerie.db import studies
         from valerie.db.engine import reading
 
         with reading(self._context.engine) as connection:
-            return [_study(row) for row in studies.page(connection, limit=limit)]
+            return [_study(row) for row in studies.page(connection, limit=20)]
 
     def study(self, study_id: str) -> Study:
         """Return a study with its batches."""
@@ -166,11 +166,6 @@ class Folder:
         from valerie.pipeline.control.studies.reporting import report
 
         return report(self._context, study_id).encode()
-
-    def _artifact(self, run_id: str, name: str) -> bytes:
-        from valerie.pipeline.base.run_artifacts import artifact_key
-
-        return self._context.store.get(artifact_key(self._context, run_id, name))
 
 
 def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:

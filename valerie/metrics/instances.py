@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
-from valerie.labels import PERSON, Label
+from valerie.labels import PERSON
 from valerie.measures import Source, names_from
 from valerie.metrics.scores import pacc
 
@@ -68,7 +68,6 @@ class InstanceCounts(NamedTuple):
 def person_counts(
     truth: InstanceTruth,
     predicted: NDArray[np.uint8],
-    label: Label = PERSON,
     *,
     empty: NDArray[np.uint8] | None = None,
 ) -> tuple[InstanceCounts, ...]:
@@ -77,7 +76,6 @@ def person_counts(
     Args:
         truth: ground truth of the frame. A person without a visible pixel gets tp = fn = 0, and so no pACC.
         predicted: (H, W) uint8 train ids.
-        label: class of the instances; a pixel predicted as this class is a true positive.
         empty: (H, W) uint8, the prediction of the same scene without movables.
 
     Returns:
@@ -91,14 +89,14 @@ def person_counts(
         if prediction is not None and prediction.shape != instance_map.shape:
             limit = instance_map.shape
             raise InvalidInput("differs from the truth in shape", field=field, value=prediction.shape, limit=limit)
-    first = label.id * 1000
+    first = PERSON.id * 1000
     # Unsigned arithmetic wraps, so one comparison tests first ≤ id ≤ first + 999.
     places = np.flatnonzero(instance_map.ravel() - np.uint16(first) < 1000)
     numbers = instance_map.ravel()[places] - np.uint16(first)
     visible = np.bincount(numbers, minlength=1000)
 
     def hits(labels: NDArray[np.uint8]) -> NDArray[np.int64]:
-        return np.bincount(numbers[labels.ravel()[places] == label.train_id], minlength=1000)
+        return np.bincount(numbers[labels.ravel()[places] == PERSON.train_id], minlength=1000)
 
     tp, tp_empty = hits(predicted), None if empty is None else hits(empty)
     persons = {person.instance_id - first for person in truth.persons if 0 <= person.instance_id - first < 1000}

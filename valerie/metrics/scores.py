@@ -157,17 +157,14 @@ class FrameScores:
         return {name: getattr(self, name) for name in names_from(Source.FRAME_SCORE)}
 
 
-def frame_scores(
-    matrix: ConfusionMatrix, train_id: int = PERSON.train_id, *, classes: Sequence[int] | None = None
-) -> FrameScores:
+def frame_scores(matrix: ConfusionMatrix, *, classes: Sequence[int] | None = None) -> FrameScores:
     """Return every score of one frame's counts, or the pooled scores for summed counts.
 
     Args:
         matrix: (19, 20) counts.
-        train_id: train id of the target class.
         classes: train ids of the classes in the scores over all classes; None for all 19.
     """
-    counts = class_counts(matrix, train_id)
+    counts = class_counts(matrix, PERSON.train_id)
     values = {
         "pacc": counts.pacc,
         "precision": counts.precision,

@@ -205,6 +205,16 @@ class ParameterDefinition(Document):
         return f"{number} {self.unit}".rstrip()
 
     @property
+    def bounds(self) -> tuple[float, float]:
+        """The declared range; infinite where it has no end."""
+        return -math.inf if self.minimum is None else self.minimum, math.inf if self.maximum is None else self.maximum
+
+    @property
+    def unit_sign(self) -> str:
+        """The unit as it stands beside a number: ``°`` for degrees."""
+        return "°" if self.unit == "deg" else self.unit
+
+    @property
     def range_text(self) -> str:
         """The declared range as text, e.g. ``-10…20 m``; the choices of a parameter without a range."""
         if self.type is ParameterType.CATEGORICAL:

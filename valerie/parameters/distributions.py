@@ -155,8 +155,7 @@ class Gaussian(_Distribution):
             )
 
     def _support(self, definition: ParameterDefinition) -> tuple[float, float]:
-        low = -math.inf if definition.minimum is None else definition.minimum
-        high = math.inf if definition.maximum is None else definition.maximum
+        low, high = definition.bounds
         if definition.type is ParameterType.INT:
             return low - 0.5, high + 0.5
         if definition.type is ParameterType.ANGLE:
@@ -238,9 +237,8 @@ class Uniform(_Distribution):
             )
 
     def _ends(self, definition: ParameterDefinition) -> tuple[float, float]:
-        low = definition.minimum if self.minimum is None else self.minimum
-        high = definition.maximum if self.maximum is None else self.maximum
-        return -math.inf if low is None else low, math.inf if high is None else high
+        low, high = definition.bounds
+        return low if self.minimum is None else self.minimum, high if self.maximum is None else self.maximum
 
     def count(self, definition: ParameterDefinition) -> int | None:  # noqa: ARG002  the protocol's signature
         return self.points

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.errors import UnknownName
+from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import NUM_TRAIN_CLASSES, TRAIN_LABELS
 
 
@@ -56,6 +56,17 @@ class FunctionCard:
 def judged_ids(judged_by: Sequence[str]) -> tuple[int, ...]:
     """Return the train ids of `FunctionCard.judged_by`, ascending; all 19 if it is empty."""
     return tuple(label.train_id for label in TRAIN_LABELS if not judged_by or label.name in judged_by)
+
+
+def require_picture(picture: NDArray[np.uint8]) -> None:
+    """Refuse an array that no function takes as a picture.
+
+    Raises:
+        InvalidInput: it is not (H, W, 3) uint8, or it is empty.
+    """
+    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
+        layout = f"{picture.dtype} {picture.shape}"
+        raise InvalidInput("not a picture", field="picture", value=layout, limit="(H, W, 3) uint8, not empty")
 
 
 class PerceptionFunction(Protocol):

@@ -23,14 +23,14 @@ FUNCTIONS: Final = ("deeplabv3plus-small", "semantic-fpn-small")
 ALIGNMENT: Final = 32
 
 
-def function_path(name: str, *, folder: Path = WEIGHTS, field: str = "function") -> Path:
+def function_path(name: str, *, folder: Path = WEIGHTS) -> Path:
     """Return the file of a shipped function.
 
     Raises:
         UnknownName: no such function; near matches are named.
     """
     if name not in FUNCTIONS:
-        raise UnknownName("perception function", name, FUNCTIONS, field=field)
+        raise UnknownName("perception function", name, FUNCTIONS, field="function")
     return folder / f"{name}.safetensors"
 
 

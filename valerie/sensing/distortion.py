@@ -71,9 +71,7 @@ def pixel_map(distortion: Distortion, width: int, height: int, focal_px: float) 
     """
     half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
     zoom = _zoom(distortion, half_x / focal_px, half_y / focal_px)
-    x = np.broadcast_to((np.arange(width) - half_x) / (focal_px * zoom), (height, width))
-    y = np.broadcast_to(((np.arange(height) - half_y) / (focal_px * zoom))[:, None], (height, width))
-    ideal_x, ideal_y = undistort(distortion, x, y)
+    ideal_x, ideal_y = undistort(distortion, *directions(width, height, focal_px * zoom))
     source = (ideal_x * focal_px + half_x, ideal_y * focal_px + half_y)
     for array in source:
         array.setflags(write=False)
@@ -88,14 +86,19 @@ def shown_within(distortion: Distortion, width: int, height: int, focal_px: floa
         zoom: enlargement of that map.
     """
     half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
-    x = np.broadcast_to((np.arange(width) - half_x) / focal_px, (height, width))
-    y = np.broadcast_to(((np.arange(height) - half_y) / focal_px)[:, None], (height, width))
+    x, y = directions(width, height, focal_px)
     lens_x, lens_y = distort(distortion, x, y)
     scale = focal_px * zoom
     inside: NDArray[np.bool_] = (np.abs(lens_x) * scale <= half_x + 0.5) & (np.abs(lens_y) * scale <= half_y + 0.5)
     # Beyond the fold the model moves rays back inwards, which no real lens does.
     inside &= x * x + y * y <= fold_radius(distortion) ** 2
     return inside
+
+
+def directions(width: int, height: int, focal_px: float) -> tuple[Floats, Floats]:
+    """Return the directions of all pixels of a pinhole image, x / z and y / z, (H, W) each."""
+    x, y = ((np.arange(size) - 0.5 * (size - 1)) / focal_px for size in (width, height))
+    return np.broadcast_to(x, (height, width)), np.broadcast_to(y[:, None], (height, width))
 
 
 def distort(distortion: Distortion, x: Floats, y: Floats) -> tuple[Floats, Floats]:

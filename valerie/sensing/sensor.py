@@ -31,7 +31,7 @@ from valerie.sensing.blender_filmic import blender_filmic
 from valerie.sensing.colour import white_balance_gains
 from valerie.sensing.curves import CURVES
 from valerie.sensing.defocus import circle_of_confusion, defocus
-from valerie.sensing.distortion import distort, pixel_map
+from valerie.sensing.distortion import directions, distort, pixel_map
 from valerie.sensing.electronics import break_pixels, expose
 from valerie.sensing.flare import flared
 from valerie.sensing.glare import veiled
@@ -203,16 +203,11 @@ def seen_from(
     Raises:
         InvalidInput: The lens distorts and there is no focal length.
     """
-    x, y = np.arange(width, dtype=np.float64)[None, :], np.arange(height, dtype=np.float64)[:, None]
-    if not setting.distortion.identity:
-        if focal_length_mm is None:
-            raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
-        source = pixel_map(setting.distortion, width, height, focal_length_px(focal_length_mm, width))
-        x, y = source.x, source.y
-    column = np.clip(np.floor(x + 0.5), 0, width - 1)
-    row = np.clip(np.floor(y + 0.5), 0, height - 1)
-    flat: NDArray[np.intp] = (row * width + column).astype(np.intp)
-    return flat
+    if setting.distortion.identity:
+        return np.arange(height * width, dtype=np.intp).reshape(height, width)
+    if focal_length_mm is None:
+        raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
+    return pixel_map(setting.distortion, width, height, focal_length_px(focal_length_mm, width)).nearest()
 
 
 def read_lines(
@@ -231,15 +226,13 @@ def read_lines(
     Raises:
         InvalidInput: The lens distorts and there is no focal length.
     """
-    half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
+    half_y = 0.5 * (height - 1)
     if setting.distortion.identity:
         return (np.arange(height, dtype=np.float64) - half_y)[:, None]
     if focal_length_mm is None:
         raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
     focal_px = focal_length_px(focal_length_mm, width)
-    x = np.broadcast_to((np.arange(width) - half_x) / focal_px, (height, width))
-    y = np.broadcast_to(((np.arange(height) - half_y) / focal_px)[:, None], (height, width))
-    _, lens_y = distort(setting.distortion, x, y)
+    _, lens_y = distort(setting.distortion, *directions(width, height, focal_px))
     zoom = pixel_map(setting.distortion, width, height, focal_px).zoom
     # Pixels that the lens maps outside the image have no row. They take the nearest one.
     lines: NDArray[np.float64] = np.clip(lens_y * focal_px * zoom, -half_y, half_y)

@@ -257,23 +257,22 @@ def _size(contrast: Contrast, level: float, shown: float) -> tuple[float, float,
     return -float("inf"), float("inf"), contrast.places_for_interval(level)
 
 
-def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95, power_wanted: float = 0.9) -> int | None:
-    """Return the number of places that a run needs to detect an effect in such a contrast; None above ten million.
+def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95) -> int | None:
+    """Return the number of places that a run needs to detect an effect in such a contrast with a chance of 90 %.
+
+    It is None above ten million.
 
     Args:
         contrast: supplies the standard deviation between places.
         effect: smallest difference to detect, in units of the values.
         level: confidence of the two-sided test.
-        power_wanted: chance to detect it.
 
     Raises:
         InvalidInput: the effect is 0.
     """
     if contrast.degrees <= 0:
         return None
-    return places_needed(
-        effect, contrast.deviation, alpha=(1 - level) / 2, power_wanted=power_wanted, parameters=contrast.parameters
-    )
+    return places_needed(effect, contrast.deviation, alpha=(1 - level) / 2, parameters=contrast.parameters)
 
 
 def holm(p_values: Sequence[float] | ArrayLike) -> NDArray[np.float64]:

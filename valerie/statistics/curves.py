@@ -202,7 +202,9 @@ def proven_changes(
     confidence: float = 0.95,
     positions: NDArray[np.float64] | None = None,
 ) -> Changes | None:
-    """Return whether values fall and rise over x; nothing is chosen, so the same rows may answer.
+    """Return the proven falls and rises of values over x.
+
+    Nothing is chosen, so the same rows may answer.
 
     Args:
         x, values, places, seed, positions: as of `fit_curve`.

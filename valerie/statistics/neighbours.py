@@ -37,7 +37,7 @@ def alike(
     *,
     within: bool = False,
 ) -> NDArray[np.bool_]:
-    """Return whether neighbouring places have more similar figures than independent places would.
+    """Find groups in which neighbouring places have more similar figures than independent places would.
 
     Args:
         figures: (G, S) of the places; NaN where a place has none.

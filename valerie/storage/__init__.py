@@ -1,5 +1,5 @@
 """Stored objects of products and runs: their encoding, their keys, and the store."""
 
-from valerie.storage.store import ArtifactStore, ObjectInfo, Usage, open_store
+from valerie.storage.store import ArtifactStore, ObjectInfo, open_store
 
-__all__ = ["ArtifactStore", "ObjectInfo", "Usage", "open_store"]
+__all__ = ["ArtifactStore", "ObjectInfo", "open_store"]

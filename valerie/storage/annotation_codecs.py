@@ -52,77 +52,77 @@ def encode_annotation(kind: AnnotationKind, annotation: Annotation) -> bytes:
     return envelope.pack(kind.value, arrays, {})
 
 
-def decode_normals(data: bytes, *, key: str = "") -> Normals:
+def decode_normals(data: bytes) -> Normals:
     """Read normals that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not whole, consistent normals.
     """
-    arrays, _ = envelope.unpack(AnnotationKind.NORMALS.value, data, key=key)
+    arrays, _ = envelope.unpack(AnnotationKind.NORMALS.value, data)
     normals = arrays.get("octahedral")
     if normals is None or normals.dtype != np.int16 or normals.ndim != 3 or normals.shape[2] != 2:
-        raise CorruptArtifact(f"{key or 'artifact'}: the normals are not (height, width, 2) int16")
+        raise CorruptArtifact("artifact: the normals are not (height, width, 2) int16")
     return Normals(normals)
 
 
-def decode_flow(data: bytes, *, kind: AnnotationKind = AnnotationKind.FLOW, key: str = "") -> FlowMap:
+def decode_flow(data: bytes, *, kind: AnnotationKind = AnnotationKind.FLOW) -> FlowMap:
     """Read flow or velocity that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not whole, consistent vectors.
     """
-    arrays, _ = envelope.unpack(kind.value, data, key=key)
+    arrays, _ = envelope.unpack(kind.value, data)
     vectors = arrays.get("vectors")
     if vectors is None or vectors.dtype != np.float32 or vectors.ndim != 3 or vectors.shape[2] != 2:
-        raise CorruptArtifact(f"{key or 'artifact'}: the {kind.value} is not (height, width, 2) float32")
+        raise CorruptArtifact(f"artifact: the {kind.value} is not (height, width, 2) float32")
     return FlowMap(vectors)
 
 
-def decode_boxes(data: bytes, *, key: str = "") -> Boxes:
+def decode_boxes(data: bytes) -> Boxes:
     """Read boxes that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not whole, consistent boxes.
     """
-    return Boxes(**_rows(AnnotationKind.BOXES, _BOXES, data, key))
+    return Boxes(**_rows(AnnotationKind.BOXES, _BOXES, data))
 
 
-def decode_joints(data: bytes, *, key: str = "") -> Joints:
+def decode_joints(data: bytes) -> Joints:
     """Read joints that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not whole, consistent joints.
     """
-    return Joints(**_rows(AnnotationKind.JOINTS, _JOINTS, data, key))
+    return Joints(**_rows(AnnotationKind.JOINTS, _JOINTS, data))
 
 
-def decode_scan(data: bytes, *, key: str = "") -> Scan:
+def decode_scan(data: bytes) -> Scan:
     """Read a scan that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent scan.
     """
-    arrays, _ = envelope.unpack(AnnotationKind.SCAN.value, data, key=key)
+    arrays, _ = envelope.unpack(AnnotationKind.SCAN.value, data)
     try:
         scan = Scan(**arrays)
         whole = scan.consistent()
     except (TypeError, ValueError, IndexError) as error:
-        raise CorruptArtifact(f"{key or 'artifact'}: not a scan: {error}") from error
+        raise CorruptArtifact(f"artifact: not a scan: {error}") from error
     if not whole:
-        raise CorruptArtifact(f"{key or 'artifact'}: the arrays of the scan do not fit together")
+        raise CorruptArtifact("artifact: the arrays of the scan do not fit together")
     return scan
 
 
 def _rows(
-    kind: AnnotationKind, shapes: Mapping[str, tuple[type[Any], tuple[int, ...]]], data: bytes, key: str
+    kind: AnnotationKind, shapes: Mapping[str, tuple[type[Any], tuple[int, ...]]], data: bytes
 ) -> dict[str, NDArray[Any]]:
     """Return arrays with one row per instance, after a check of their types and shapes."""
-    arrays, _ = envelope.unpack(kind.value, data, key=key)
+    arrays, _ = envelope.unpack(kind.value, data)
     count = len(arrays.get("instances", ()))
     checked: dict[str, NDArray[Any]] = {}
     for name, (dtype, rest) in shapes.items():
         array = arrays.get(name)
         if array is None or array.dtype != dtype or array.shape != (count, *rest):
-            raise CorruptArtifact(f"{key or 'artifact'}: {name} is not {(count, *rest)} {np.dtype(dtype)}")
+            raise CorruptArtifact(f"artifact: {name} is not {(count, *rest)} {np.dtype(dtype)}")
         checked[name] = array
     return checked

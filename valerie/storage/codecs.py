@@ -28,14 +28,14 @@ def encode_image(image: LinearImage) -> bytes:
     return envelope.pack("image", {"planes": _split(image.pixels)}, {})
 
 
-def decode_image(data: bytes, *, key: str = "") -> LinearImage:
+def decode_image(data: bytes) -> LinearImage:
     """Read an image that `encode_image` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent image.
     """
-    arrays, _ = envelope.unpack("image", data, key=key)
-    return LinearImage(_pixels(arrays, None, None, key))
+    arrays, _ = envelope.unpack("image", data)
+    return LinearImage(_pixels(arrays, None, None))
 
 
 def encode_layer(layer: Layer) -> bytes:
@@ -45,15 +45,15 @@ def encode_layer(layer: Layer) -> bytes:
     return envelope.pack("layer", {"planes": _split(layer.pixels)}, meta)
 
 
-def decode_layer(data: bytes, *, key: str = "") -> Layer:
+def decode_layer(data: bytes) -> Layer:
     """Read a layer that `encode_layer` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent layer.
     """
-    arrays, meta = envelope.unpack("layer", data, key=key)
-    rectangle = _rectangle(meta.get("rectangle"), key)
-    return Layer(rectangle, _pixels(arrays, rectangle.height, rectangle.width, key))
+    arrays, meta = envelope.unpack("layer", data)
+    rectangle = _rectangle(meta.get("rectangle"))
+    return Layer(rectangle, _pixels(arrays, rectangle.height, rectangle.width))
 
 
 def encode_truth(truth: GroundTruth) -> bytes:
@@ -66,13 +66,13 @@ def encode_truth(truth: GroundTruth) -> bytes:
     return envelope.pack("truth", arrays, {"persons": _pack_persons(truth.persons, arrays)})
 
 
-def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
+def decode_truth(data: bytes) -> GroundTruth:
     """Read a truth that `encode_truth` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent truth.
     """
-    return _truth(*envelope.unpack("truth", data, key=key), key)
+    return _truth(*envelope.unpack("truth", data))
 
 
 def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
@@ -105,31 +105,31 @@ class StoredTruthLayer:
     statics: str
 
 
-def decode_stored_truth(data: bytes, *, key: str = "") -> GroundTruth | StoredTruthLayer:
+def decode_stored_truth(data: bytes) -> GroundTruth | StoredTruthLayer:
     """Read a stored truth: a whole one, or a layer over the truth of the statics.
 
     Raises:
         CorruptArtifact: neither, or inconsistent.
     """
-    arrays, meta = envelope.unpack(("truth", "truth-layer"), data, key=key)
+    arrays, meta = envelope.unpack(("truth", "truth-layer"), data)
     if meta["kind"] == "truth":
-        return _truth(arrays, meta, key)
+        return _truth(arrays, meta)
     statics, whole = meta.get("statics"), meta.get("size")
     if not isinstance(statics, str) or not isinstance(whole, list):
-        raise _corrupt(key, "the layer does not name the truth below it")
-    image, box = _rectangle([0, 0, *whole[::-1]], key), _rectangle(meta.get("rectangle"), key)
+        raise _corrupt("the layer does not name the truth below it")
+    image, box = _rectangle([0, 0, *whole[::-1]]), _rectangle(meta.get("rectangle"))
     size = (image.height, image.width)
     if box != box.clipped(image.width, image.height):
-        raise _corrupt(key, f"the layer leaves the image: {box}")
-    changed = _mask(arrays, "changed", box, key)
+        raise _corrupt(f"the layer leaves the image: {box}")
+    changed = _mask(arrays, "changed", box)
     count = (int(np.count_nonzero(changed)),)
     layer = TruthLayer(
         box,
         changed,
-        _array(arrays, "classes", np.uint8, count, key),
-        _array(arrays, "instances", np.uint16, count, key),
-        _array(arrays, "depths", np.float32, count, key),
-        _unpack_persons(arrays, meta, size, key),
+        _array(arrays, "classes", np.uint8, count),
+        _array(arrays, "instances", np.uint16, count),
+        _array(arrays, "depths", np.float32, count),
+        _unpack_persons(arrays, meta, size),
         size,
     )
     return StoredTruthLayer(layer, statics)
@@ -148,14 +148,14 @@ def encode_prediction(train_ids: NDArray[np.uint8]) -> bytes:
     return envelope.pack("prediction", {"train_ids": train_ids}, {})
 
 
-def decode_prediction(data: bytes, *, key: str = "") -> NDArray[np.uint8]:
+def decode_prediction(data: bytes) -> NDArray[np.uint8]:
     """Read a prediction that `encode_prediction` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent prediction.
     """
-    arrays, _ = envelope.unpack("prediction", data, key=key)
-    return _array(arrays, "train_ids", np.uint8, (None, None), key)
+    arrays, _ = envelope.unpack("prediction", data)
+    return _array(arrays, "train_ids", np.uint8, (None, None))
 
 
 def encode_counts(counts: NDArray[np.int64]) -> bytes:
@@ -163,14 +163,14 @@ def encode_counts(counts: NDArray[np.int64]) -> bytes:
     return envelope.pack("counts", {"counts": counts}, {})
 
 
-def decode_counts(data: bytes, *, key: str = "") -> NDArray[np.int64]:
+def decode_counts(data: bytes) -> NDArray[np.int64]:
     """Read a matrix that `encode_counts` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent matrix.
     """
-    arrays, _ = envelope.unpack("counts", data, key=key)
-    return _array(arrays, "counts", np.int64, (None, None), key)
+    arrays, _ = envelope.unpack("counts", data)
+    return _array(arrays, "counts", np.int64, (None, None))
 
 
 def _split(pixels: NDArray[np.float16]) -> NDArray[np.uint8]:
@@ -178,37 +178,35 @@ def _split(pixels: NDArray[np.float16]) -> NDArray[np.uint8]:
     return np.stack([bits & 0xFF, bits >> 8]).astype(np.uint8)
 
 
-def _pixels(arrays: dict[str, NDArray[Any]], height: int | None, width: int | None, key: str) -> NDArray[np.float16]:
+def _pixels(arrays: dict[str, NDArray[Any]], height: int | None, width: int | None) -> NDArray[np.float16]:
     if "pixels" in arrays:  # as release 0.1.0 stored them
-        return _array(arrays, "pixels", np.float16, (height, width, 3), key)
-    low, high = _array(arrays, "planes", np.uint8, (2, height, width, 3), key).astype(np.uint16)
+        return _array(arrays, "pixels", np.float16, (height, width, 3))
+    low, high = _array(arrays, "planes", np.uint8, (2, height, width, 3)).astype(np.uint16)
     pixels: NDArray[np.float16] = (low | high << 8).view(np.float16)
     pixels.flags.writeable = False
     return pixels
 
 
-def _array(
-    arrays: dict[str, NDArray[Any]], name: str, dtype: DTypeLike, shape: tuple[int | None, ...], key: str
-) -> NDArray[Any]:
+def _array(arrays: dict[str, NDArray[Any]], name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Return the named array; ``None`` in ``shape`` stands for any length."""
     array = arrays.get(name)
     if array is None:
-        raise _corrupt(key, f"there is no array {name!r}")
+        raise _corrupt(f"there is no array {name!r}")
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
     if array.dtype != np.dtype(dtype) or not fits:
         expected = tuple("any" if length is None else length for length in shape)
-        raise _corrupt(key, f"{name} is {array.dtype} {array.shape}, expected {np.dtype(dtype)} {expected}")
+        raise _corrupt(f"{name} is {array.dtype} {array.shape}, expected {np.dtype(dtype)} {expected}")
     return array
 
 
-def _truth(arrays: dict[str, NDArray[Any]], meta: JsonObject, key: str) -> GroundTruth:
-    class_map = _array(arrays, "class_map", np.uint8, (None, None), key)
+def _truth(arrays: dict[str, NDArray[Any]], meta: JsonObject) -> GroundTruth:
+    class_map = _array(arrays, "class_map", np.uint8, (None, None))
     size = class_map.shape
     return GroundTruth(
         class_map=class_map,
-        instance_map=_array(arrays, "instance_map", np.uint16, size, key),
-        depth=_array(arrays, "depth", np.float32, size, key),
-        persons=_unpack_persons(arrays, meta, size, key),
+        instance_map=_array(arrays, "instance_map", np.uint16, size),
+        depth=_array(arrays, "depth", np.float32, size),
+        persons=_unpack_persons(arrays, meta, size),
     )
 
 
@@ -240,36 +238,36 @@ def _pack_persons(persons: Sequence[PersonTruth], arrays: dict[str, NDArray[Any]
 
 
 def _unpack_persons(
-    arrays: dict[str, NDArray[Any]], meta: JsonObject, size: tuple[int, ...], key: str
+    arrays: dict[str, NDArray[Any]], meta: JsonObject, size: tuple[int, ...]
 ) -> tuple[PersonTruth, ...]:
     persons: list[PersonTruth] = []
     entries = meta.get("persons")
     if not isinstance(entries, list):
-        raise _corrupt(key, "the persons are not a list")
+        raise _corrupt("the persons are not a list")
     for numbers in entries:
         if not _counts(numbers, len(_PersonEntry._fields)):
-            raise _corrupt(key, f"not a person: {numbers!r}")
+            raise _corrupt(f"not a person: {numbers!r}")
         entry = _PersonEntry(*numbers)
         if persons and entry.instance_id <= persons[-1].instance_id:
-            raise _corrupt(key, f"instance {entry.instance_id} is out of order")
+            raise _corrupt(f"instance {entry.instance_id} is out of order")
         box = Rectangle(entry.x, entry.y, entry.width, entry.height)
         if box.x + box.width > size[1] or box.y + box.height > size[0]:
-            raise _corrupt(key, f"the mask of instance {entry.instance_id} leaves the image")
-        mask = _mask(arrays, entry.mask, box, key)
+            raise _corrupt(f"the mask of instance {entry.instance_id} leaves the image")
+        mask = _mask(arrays, entry.mask, box)
         persons.append(PersonTruth(entry.instance_id, box, mask, entry.padded_pixels, (size[0], size[1])))
     return tuple(persons)
 
 
-def _mask(arrays: dict[str, NDArray[Any]], name: str, box: Rectangle, key: str) -> NDArray[np.bool_]:
+def _mask(arrays: dict[str, NDArray[Any]], name: str, box: Rectangle) -> NDArray[np.bool_]:
     """Unpack a mask stored as bits: (box.height, box.width) bool."""
     count = box.width * box.height
-    bits = _array(arrays, name, np.uint8, ((count + 7) // 8,), key)
+    bits = _array(arrays, name, np.uint8, ((count + 7) // 8,))
     return np.unpackbits(bits, count=count).reshape(box.height, box.width).view(np.bool_)
 
 
-def _rectangle(values: object, key: str) -> Rectangle:
+def _rectangle(values: object) -> Rectangle:
     if not _counts(values, 4):
-        raise _corrupt(key, f"not a rectangle: {values!r}")
+        raise _corrupt(f"not a rectangle: {values!r}")
     return Rectangle(*values)
 
 
@@ -278,5 +276,5 @@ def _counts(values: object, length: int) -> TypeGuard[list[int]]:
     return isinstance(values, list) and len(values) == length and all(isinstance(n, int) and n >= 0 for n in values)
 
 
-def _corrupt(key: str, message: str) -> CorruptArtifact:
-    return CorruptArtifact(f"{key or 'artifact'}: {message}")
+def _corrupt(message: str) -> CorruptArtifact:
+    return CorruptArtifact(f"artifact: {message}")

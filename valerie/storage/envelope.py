@@ -65,46 +65,44 @@ def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: JsonObject) -> byt
     return zstandard.ZstdCompressor(level=1, write_checksum=True, write_content_size=True).compress(raw)
 
 
-def unpack(kind: str | tuple[str, ...], data: bytes, *, key: str = "") -> tuple[dict[str, NDArray[Any]], JsonObject]:
+def unpack(kind: str | tuple[str, ...], data: bytes) -> tuple[dict[str, NDArray[Any]], JsonObject]:
     """Return arrays (read-only views) and metadata of a frame that `pack` wrote.
 
     Args:
         kind: expected kind of the content; if there are several, ``meta["kind"]`` is the one it has.
         data: the whole stored object.
-        key: the object's key, for the message.
 
     Raises:
         CorruptArtifact: not such a frame.
     """
-    raw = decompress(data, key=key)
+    raw = decompress(data)
     try:
         arrays, meta = _parse(raw)
     except (ValueError, KeyError, TypeError, AttributeError, struct.error) as error:
-        raise CorruptArtifact(f"{key or 'artifact'}: {error}") from error
+        raise CorruptArtifact(f"artifact: {error}") from error
     kinds = (kind,) if isinstance(kind, str) else kind
     if meta.get("kind") not in kinds:
         expected = " or ".join(map(repr, kinds))
-        raise CorruptArtifact(f"{key or 'artifact'}: holds {meta.get('kind')!r} where {expected} was expected")
+        raise CorruptArtifact(f"artifact: holds {meta.get('kind')!r} where {expected} was expected")
     return arrays, meta
 
 
-def decompress(data: bytes, *, key: str = "") -> bytes:
+def decompress(data: bytes) -> bytes:
     """Return the content of one zstd frame with a checksum and a stated, bounded size.
 
     Raises:
         CorruptArtifact: not such a frame.
     """
-    name = key or "artifact"
     try:
         parameters = zstandard.get_frame_parameters(data)
         size = parameters.content_size
         if not parameters.has_checksum or size in (zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR):
-            raise CorruptArtifact(f"{name}: the frame states no size or no checksum")
+            raise CorruptArtifact("artifact: the frame states no size or no checksum")
         if size > MAX_BYTES:
-            raise CorruptArtifact(f"{name}: states {size} bytes; limit: {MAX_BYTES}")
+            raise CorruptArtifact(f"artifact: states {size} bytes; limit: {MAX_BYTES}")
         raw: bytes = _PER_THREAD.decompressor.decompress(data, allow_extra_data=False)
     except zstandard.ZstdError as error:
-        raise CorruptArtifact(f"{name}: {error}") from error
+        raise CorruptArtifact(f"artifact: {error}") from error
     return raw
 
 

@@ -47,14 +47,6 @@ class ObjectInfo:
     modified: datetime
 
 
-@dataclass(frozen=True, slots=True)
-class Usage:
-    """Number and total bytes of the objects below a prefix."""
-
-    objects: int
-    bytes: int
-
-
 class ArtifactStore:
     """Stores objects by key; several threads and processes may use it at once.
 
@@ -149,14 +141,6 @@ class ArtifactStore:
             for chunk in obstore.list(self._store, prefix or None):
                 for meta in chunk:
                     yield ObjectInfo(meta["path"], meta["size"], meta["e_tag"] or "", meta["last_modified"])
-
-    def usage(self, prefix: str = "") -> Usage:
-        """Count the objects below a prefix and sum their sizes; lists all of them."""
-        objects = total = 0
-        for info in self.list(prefix):
-            objects += 1
-            total += info.size
-        return Usage(objects, total)
 
     def free_bytes(self) -> int | None:
         """Return the bytes that this user may still write in a folder; None for a bucket, which does not say."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.resources import files
 
 from valerie.analysis.report.pages import page_environment
 from valerie.studies.report import ShownPicture
@@ -81,5 +80,4 @@ class FlowReport:
 
 def build_flow_report(source: FlowReport) -> str:
     """Write the page; equal input gives equal text."""
-    style = files("valerie.analysis.report").joinpath("templates/report.css").read_text(encoding="utf-8")
-    return page_environment("valerie.studies").get_template("flow.html.j2").render(source=source, style=style)
+    return page_environment("valerie.studies").get_template("flow.html.j2").render(source=source)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from typing import Final
 
 import jinja2
@@ -91,10 +90,7 @@ class StudyReport:
 
 def build_report(source: StudyReport) -> str:
     """Return the page; equal input gives equal text."""
-    style = files("valerie.analysis.report").joinpath("templates/report.css").read_text(encoding="utf-8")
-    return (
-        _environment().get_template("study.html.j2").render(source=source, style=style, cells=CELLS, colours=_COLOURS)
-    )
+    return _environment().get_template("study.html.j2").render(source=source, cells=CELLS, colours=_COLOURS)
 
 
 @cache

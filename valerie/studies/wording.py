@@ -182,7 +182,7 @@ def _ways(known: MinimalPair, study: ResolvedStudy) -> list[str]:
 
 
 def conditions_text(row: TableRow) -> str | None:
-    """Return what the truth measured of a failing row's person in words; None where it measured nothing."""
+    """Return the measures of a failing row's person in words; None where the truth has none."""
     numbers = (("distance_m", 1, "m away"), ("occlusion_rate", 100, "% hidden"), ("shadow_share", 100, "% in shadow"))
     known = [
         f"{scale * value:.3g} {words}" for name, scale, words in numbers if isinstance(value := row.get(name), float)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.client import Progress
-from valerie.runs.forecasting.forecast import Plan
+from valerie.answers import Progress
+from valerie.runs.forecasting.plan import Plan
 from valerie.workbench.workbench import POLL, Frame, Run, Spec, Workbench
 
 
@@ -81,7 +81,7 @@ class AsyncRun:
         return [AsyncFrame(frame) for frame in await asyncio.to_thread(self._run.frames, where)]
 
     async def findings(self) -> Findings:
-        """Return what an ended run shows."""
+        """Return the confirmed differences of an ended run, and its candidates."""
         return await asyncio.to_thread(self._run.findings)
 
     async def summary(self) -> Summary:
@@ -109,7 +109,7 @@ class AsyncFrame:
         self.id, self.sensor, self.rows, self.functions = frame.id, frame.sensor, frame.rows, frame.functions
 
     async def picture(self) -> NDArray[np.uint8]:
-        """Return what the functions are given: (H, W, 3) uint8 sRGB."""
+        """Return the picture that the functions are given: (H, W, 3) uint8 sRGB."""
         return await asyncio.to_thread(lambda: self._frame.picture)
 
     async def truth(self) -> NDArray[np.uint8]:

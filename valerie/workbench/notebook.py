@@ -13,7 +13,7 @@ from valerie.analysis.findings.findings import Findings
 from valerie.analysis.report.report import data_url
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.summary.text import summary_text
-from valerie.client import Progress
+from valerie.answers import Progress
 from valerie.measures import Cell, Row
 from valerie.pipeline.reading.painting import jpeg
 

@@ -11,9 +11,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from PIL import Image
 
-from valerie.client import Client, Progress, Run, RunSummary, ServerUnavailableError
+from valerie.answers import Progress, Run, RunSummary
+from valerie.client import Client, ServerUnavailableError
 from valerie.local.folder import Folder
-from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.forecasting.plan import Plan
 
 if TYPE_CHECKING:
     from valerie.pipeline.base.context import Context

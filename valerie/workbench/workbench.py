@@ -18,15 +18,16 @@ from numpy.typing import NDArray
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.client import Progress, ServerUnavailableError
-from valerie.client import Run as RunRecord
+from valerie.answers import Progress
+from valerie.answers import Run as RunRecord
+from valerie.client import ServerUnavailableError
 from valerie.errors import UnknownName
 from valerie.labels import VOID, to_train_ids
 from valerie.local.display import Display, display_of
 from valerie.local.spec_files import read_spec
 from valerie.measures import Row
 from valerie.plain import Json, typed
-from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.products.states import RunState
 from valerie.workbench.notebook import frame_html, run_html
 from valerie.workbench.sources import RunSource
@@ -158,7 +159,7 @@ class Run:
         return typed(Summary, self._source.summary(self.id).summary)
 
     def findings(self) -> Findings:
-        """Return what an ended run shows: confirmed differences, and candidates."""
+        """Return the confirmed differences of an ended run, and its candidates."""
         return typed(Findings, self._source.summary(self.id).findings)
 
     def verdicts(self) -> tuple[RequirementVerdict, ...]:

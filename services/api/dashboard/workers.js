@@ -1,7 +1,7 @@
 // Living workers and what they do, the queues that they serve, what products cost, why they failed, and the space left.
 import { get } from "./api.js";
 import { command, h, put, s, table } from "./dom.js";
-import { NONE, ago, bytes, count, duration, fixed, plural, words } from "./format.js";
+import { NONE, ago, bytes, clock, count, duration, fixed, plural, words } from "./format.js";
 import { poll } from "./poll.js";
 import { reaching } from "./role.js";
 
@@ -92,12 +92,11 @@ function costCharts({ costs, since, span_s: span }) {
     return h("figure", {}, h("figcaption", {}, h("strong", {}, words(kind)), h("span", { class: "soft number" }, `${count(total)} × ${seconds(mean)}`)),
       s("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label }, s("line", { x1: 0, x2: width, y1: height - 0.5, y2: height - 0.5, class: "axis" }),
         means.map((one, i) => (one === null ? null : s("rect", { x: i * step, width: Math.max(1, step - 1), y: height - Math.max(1, (one / most) * (height - 4)), height: Math.max(1, (one / most) * (height - 4)), class: "cost" },
-          s("title", {}, `${clockOf(since + i * span)}: ${plural(products[i], "product")}, ${seconds(one)} each`))))));
+          s("title", {}, `${clock((since + i * span) * 1000)}: ${plural(products[i], "product")}, ${seconds(one)} each`))))));
   }));
 }
 
 const seconds = (one) => (one < 0.1 ? `${fixed(one * 1000, one < 0.01 ? 1 : 0)} ms` : `${fixed(one, 2)} s`);
-const clockOf = (moment) => `${new Date(moment * 1000).toISOString().slice(0, 16).replace("T", " ")} UTC`;
 
 function failureTable(reasons) {
   if (!reasons.length) return null;

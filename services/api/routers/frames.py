@@ -21,7 +21,7 @@ from services.api.openapi import binary, gives, problems
 from services.api.schemas.base import DIGEST
 from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, PixelRead, VariantPage, VariantRead
 from services.api.transfer import ConditionsDependency, send
-from valerie.db import runs
+from valerie.db import runs, variants
 from valerie.db.archives import reading_run
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.reading.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
@@ -54,7 +54,7 @@ def list_variants(
     after = decode_cursor(cursor, index)
     with reading_run(context.engine, run_id) as connection:
         runs.get(connection, run_id)
-        rows = runs.variants_page(
+        rows = variants.page(
             connection, run_id, after=-1 if after is None else after[0], limit=limit + 1, rejected=rejected
         )
     items = [VariantRead.model_validate(row) for row in rows[:limit]]

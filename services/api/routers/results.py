@@ -6,7 +6,6 @@ import io
 import math
 from typing import Annotated, Literal, cast
 
-import orjson
 from fastapi import APIRouter, Query, Response
 
 from services.api.dependencies import (
@@ -30,7 +29,7 @@ from valerie.db.archives import reading_run
 from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
-from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, artifact_key
+from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, artifact_key, read_artifact, read_summary
 from valerie.pipeline.reading.points import read_points
 from valerie.pipeline.reading.tables import read_table, table_row, varied_types
 from valerie.plain import JsonObject, JsonSchema, typed
@@ -128,7 +127,7 @@ def points(
     summary="The verdicts, the table of the paper's section 6.2, and the findings",
 )
 def summary(run_id: RunId, context: ContextDependency) -> SummaryRead:
-    return SummaryRead.model_validate_json(context.store.get(artifact_key(context, run_id, SUMMARY)))
+    return SummaryRead.model_validate_json(read_artifact(context, run_id, SUMMARY))
 
 
 @router.get(
@@ -150,12 +149,8 @@ def verdicts(
     context: ContextDependency,
     format_: Annotated[Literal["csv", "parquet"], Query(alias="format", description="csv or parquet")] = "csv",
 ) -> Response:
-    stored = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
-    return _file(
-        encoded(verdict_table(typed(tuple[RequirementVerdict, ...], stored["verdicts"])), format_),
-        f"{run_id}-verdicts",
-        format_,
-    )
+    stored = typed(tuple[RequirementVerdict, ...], read_summary(context, run_id)["verdicts"])
+    return _file(encoded(verdict_table(stored), format_), f"{run_id}-verdicts", format_)
 
 
 @router.get(

@@ -22,7 +22,7 @@ from services.api.openapi import document_body, example, gives, problems
 from services.api.schemas.base import CAMERAS, DIGEST
 from services.api.schemas.runs import SPEC, Failure, Progress, RelativeRead, RunDetail, RunPage, RunRead
 from services.api.transfer import IfNoneMatch, send_page
-from valerie.db import marks, results, runs
+from valerie.db import marks, results, runs, variants
 from valerie.db.archives import reading_run
 from valerie.db.engine import database_moment, reading
 from valerie.errors import InvalidInput
@@ -32,7 +32,7 @@ from valerie.pipeline.control.archiving import archive_run, restore_rows
 from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
-from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.moments import Moment, moment_text
 from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec, parse
@@ -243,7 +243,7 @@ def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> l
 def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
     with reading_run(context.engine, run_id) as connection:
         runs.require(connection, run_id)
-        return runs.rejections(connection, run_id)
+        return variants.rejections(connection, run_id)
 
 
 @router.get(

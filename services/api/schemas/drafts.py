@@ -10,7 +10,7 @@ from services.api.schemas.base import Read
 from valerie.loading import MAX_BYTES
 from valerie.parameters.definitions import Value
 from valerie.runs.document.draft import Change
-from valerie.runs.forecasting.forecast import PlannedVariant
+from valerie.runs.forecasting.plan import PlannedVariant
 
 _TEXT = "name: first\nasset: urban-street\nvary:\n  person-1.pos.x: {homogeneous: {from: 1, to: 5, step: 1}}\n"
 _VARIED = {"parameter": "person-1.pos.x", "distribution": "HOMOGENEOUS", "minimum": 1, "maximum": 5, "step": 1}

@@ -7,7 +7,7 @@ from typing import Final
 from pydantic import Field, JsonValue
 
 from services.api.schemas.base import DIGEST, RUN_ID, Digest, NextCursor, Read
-from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.moments import Moment
 from valerie.runs.study.study_document import Budget, Outcomes, StudyResult, StudyState
 

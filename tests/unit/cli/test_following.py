@@ -9,18 +9,11 @@ from pathlib import Path
 import httpx
 import pytest
 
+from valerie.answers import Failure, Progress, Study, StudyBatch, VariantProgress
 from valerie.cli.connecting import System
 from valerie.cli.following import Patience, exit_code, failure_lines, follow, report_path, show_result
 from valerie.cli.studies import follow_study
-from valerie.client import (
-    Client,
-    Failure,
-    Progress,
-    ServerUnavailableError,
-    Study,
-    StudyBatch,
-    VariantProgress,
-)
+from valerie.client import Client, ServerUnavailableError
 from valerie.errors import ValerieError
 from valerie.local.display import JsonDisplay
 from valerie.runs.products.states import RunState

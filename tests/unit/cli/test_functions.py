@@ -13,9 +13,9 @@ import yaml
 from typer.testing import CliRunner
 
 from tests.world.boxes import write_box_street
+from valerie.answers import Function, RegisteredFunction
 from valerie.cli.main import app
 from valerie.cli.registering import functions_named, register_file
-from valerie.client import Function, RegisteredFunction
 from valerie.errors import InvalidInput, NotFound
 from valerie.perception.running.small_network import small_onnx
 

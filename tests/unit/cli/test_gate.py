@@ -21,7 +21,7 @@ from tests.world.world import settings_of
 from valerie.analysis.wording import ALIKE_PLACES
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
-from valerie.db.products import Job
+from valerie.db.claiming import Job
 from valerie.errors import InvalidInput, UnknownName
 
 WORSE, BETTER = FUNCTIONS

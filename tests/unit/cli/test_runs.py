@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import write_box_street
+from valerie.answers import Progress, Run, RunSummary, VariantProgress
 from valerie.cli import runs
 from valerie.cli.connecting import System
 from valerie.cli.main import app
 from valerie.cli.runs import next_step
 from valerie.cli.shell import Exit, Stopped
-from valerie.client import Client, Progress, Run, RunSummary, ServerProblemError, VariantProgress
+from valerie.client import Client, ServerProblemError
 from valerie.errors import InvalidInput, NotFound
 
 SPEC = "name: s\nasset: urban-street\nfunctions: [my-net]\n"

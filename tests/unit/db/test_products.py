@@ -8,11 +8,12 @@ import pytest
 from sqlalchemy import Connection, Engine, event, select, update
 
 from tests.unit.db.rows import digest, product, write_run
-from valerie.db import products, runs, sweeping, totals
+from valerie.db import claiming, products, publishing, runs, sweeping, totals
 from valerie.db.engine import reading, writing
 from valerie.db.measured import SeenPerson
 from valerie.db.models import PersonView, Product
-from valerie.db.products import Finished, SharedStatics, Wanted
+from valerie.db.products import Wanted
+from valerie.db.publishing import Finished, SharedStatics
 from valerie.db.statements import insert_ignoring
 from valerie.runs.products.frame_keys import FrameKey, FrameProducts
 from valerie.runs.products.ready import FailedInput, Fault
@@ -40,13 +41,13 @@ def make_ready(engine: Engine) -> list[str]:
 
 def claim(engine: Engine, *names: str, owner: str = "w1", now: float = 100.0) -> list[str]:
     with writing(engine) as connection:
-        jobs = products.claim(connection, [digest(n) for n in names], owner=owner, now=now, lease_seconds=10.0)
+        jobs = claiming.claim(connection, [digest(n) for n in names], owner=owner, now=now, lease_seconds=10.0)
     return [job.digest for job in jobs]
 
 
 def finish(engine: Engine, *names: str, owner: str = "w1") -> list[str]:
     with writing(engine) as connection:
-        products.publish(connection, [done(name) for name in names], owner=owner, now=101.0)
+        publishing.publish(connection, [done(name) for name in names], owner=owner, now=101.0)
     with writing(engine) as connection:
         return [item.digest for item in products.promote_dependents(connection, [digest(n) for n in names], 101.0)]
 
@@ -208,7 +209,7 @@ class TestClaim:
         write_run(engine)
         make_ready(engine)
         with writing(engine) as connection:
-            (job,) = products.claim(connection, [digest("t")], owner="w", now=0.0, lease_seconds=1.0)
+            (job,) = claiming.claim(connection, [digest("t")], owner="w", now=0.0, lease_seconds=1.0)
         assert (job.frame.key, job.frame.assignment) == (FrameKey("r1", 0, 0), {"x": 1})
         assert job.frame.products == FrameProducts(digest("b"), digest("l"), digest("t"))
 
@@ -232,7 +233,7 @@ class TestPublish:
         claim(engine, "b", "t")
         with writing(engine) as connection:
             sweeping.free(connection, [digest("t")])
-            published = products.publish(connection, [done("b"), seen("t")], owner="w1", now=101.0)
+            published = publishing.publish(connection, [done("b"), seen("t")], owner="w1", now=101.0)
         assert published == [digest("b")]
         assert state_of(engine, "b") == "done"
         assert views(engine) == []
@@ -245,10 +246,10 @@ class TestPublish:
             sweeping.take_back_expired(connection, now=111.0, max_attempts=3)
         claim(engine, "t", owner="w2", now=112.0)
         with writing(engine) as connection:
-            assert products.publish(connection, [seen("t")], owner="w1", now=113.0) == []
+            assert publishing.publish(connection, [seen("t")], owner="w1", now=113.0) == []
         assert (views(engine), known(engine, "s")) == ([], False)
         with writing(engine) as connection:
-            assert products.publish(connection, [seen("t")], owner="w2", now=114.0) == [digest("t")]
+            assert publishing.publish(connection, [seen("t")], owner="w2", now=114.0) == [digest("t")]
         assert (views(engine), known(engine, "s")) == ([(digest("t"), 24001)], True)
 
 
@@ -258,7 +259,7 @@ class TestTakeBackExpired:
         make_ready(engine)
         claim(engine, "b")
         with writing(engine) as connection:
-            products.renew(connection, [digest("b")], owner="w1", until=120.0)
+            claiming.renew(connection, [digest("b")], owner="w1", until=120.0)
             assert sweeping.take_back_expired(connection, now=115.0, max_attempts=3) == []
 
     def test_what_killed_its_worker_too_often_fails_with_all_that_waits_for_it(self, engine: Engine) -> None:
@@ -298,7 +299,7 @@ class TestHandBack:
         make_ready(engine)
         claim(engine, "b")
         with writing(engine) as connection:
-            products.hand_back(connection, [digest("b")], owner="w1", not_before=0.0, count_attempt=False)
+            claiming.hand_back(connection, [digest("b")], owner="w1", not_before=0.0, count_attempt=False)
         assert state_of(engine, "b") == "ready"
         assert attempts_of(engine, "b") == 0
 
@@ -311,7 +312,7 @@ class TestForget:
         finish(engine, "b", "l")
         claim(engine, "p")
         with writing(engine) as connection:
-            products.await_inputs(connection, [digest("p")], owner="w1")
+            claiming.await_inputs(connection, [digest("p")], owner="w1")
             products.forget(connection, [digest("l")])
             ready = products.promote(connection, [digest("l")], now=3.0)
         assert [item.digest for item in ready] == [digest("l")]

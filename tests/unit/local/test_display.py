@@ -5,7 +5,7 @@ import json
 import pytest
 from rich.console import Console
 
-from valerie.client import Progress, StageProgress, VariantProgress
+from valerie.answers import Progress, StageProgress, VariantProgress
 from valerie.local.display import STAGES, JsonDisplay, LineDisplay, progress_line, progress_table
 from valerie.runs.moments import duration
 

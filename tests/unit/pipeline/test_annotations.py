@@ -14,8 +14,8 @@ from tests.world.blank import Pipeline
 from tests.world.boxes import spec
 from valerie.datasets import coco
 from valerie.db import frames, results
+from valerie.db.claiming import Job
 from valerie.db.engine import reading
-from valerie.db.products import Job
 from valerie.errors import Conflict, RenderingError, UnknownName
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle

@@ -15,7 +15,7 @@ from sqlalchemy import Engine, select, update
 from tests.unit.db.rows import digest, write_run
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
-from valerie.db import deliveries, processes, products, studies, sweeping
+from valerie.db import claiming, deliveries, processes, products, studies, sweeping
 from valerie.db.engine import database_time, open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
@@ -60,7 +60,7 @@ def claim(engine: Engine, name: str) -> None:
     with writing(engine) as connection:
         products.promote(connection, [digest(name)], database_time(connection))
         now = database_time(connection)
-        assert products.claim(connection, [digest(name)], owner="w", now=now, lease_seconds=LEASE)
+        assert claiming.claim(connection, [digest(name)], owner="w", now=now, lease_seconds=LEASE)
 
 
 def taken_back(engine: Engine) -> list[str]:

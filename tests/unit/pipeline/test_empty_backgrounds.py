@@ -6,8 +6,8 @@ import numpy as np
 
 from tests.world.blank import SMALL, Pipeline
 from valerie.db import frames
+from valerie.db.claiming import Job
 from valerie.db.engine import reading
-from valerie.db.products import Job
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.planning import plan_run

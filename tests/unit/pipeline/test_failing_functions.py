@@ -17,8 +17,9 @@ from tests.unit.label_server import Server
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
 from valerie.db import results
+from valerie.db.claiming import Job
 from valerie.db.engine import reading
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.label_png import encode_png

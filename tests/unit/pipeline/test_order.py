@@ -11,7 +11,7 @@ import pytest
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
 from valerie.broker import TaskMessage, messages_of
-from valerie.db import runs
+from valerie.db import links
 from valerie.db.engine import reading
 from valerie.pipeline.work.stages import serve_queue
 from valerie.runs.products.states import Priority, ProductKind, Stage
@@ -46,7 +46,7 @@ def products_of(pipeline: Pipeline, run_id: str) -> dict[str, str]:
     """Return the states of a run's products."""
     with reading(pipeline.context.engine) as connection:
         states = {row.digest: row.state for row in pipeline.products()}
-        everything = connection.scalars(runs.links_of(run_id).select())
+        everything = connection.scalars(links.links_of(run_id).select())
         return {digest: states[digest] for digest in everything if digest is not None}
 
 

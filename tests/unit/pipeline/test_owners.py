@@ -13,10 +13,10 @@ from sqlalchemy import update
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
-from valerie.db import products
+from valerie.db import claiming
+from valerie.db.claiming import Job
 from valerie.db.engine import database_time, writing
 from valerie.db.models import Product
-from valerie.db.products import Job
 from valerie.pipeline.control.sharing import MOST_URGENT, parts_of
 from valerie.runs.products.states import Priority, ProductKind, ProductState
 from valerie.runs.products.turns import packet_size
@@ -42,7 +42,7 @@ class Queue:
             connection.execute(
                 update(Product).where(Product.state == ProductState.RUNNING).values(state=ProductState.DONE)
             )
-            return products.claim_next(connection, self._route, owner="w", now=now, lease_seconds=1e6)
+            return claiming.claim_next(connection, self._route, owner="w", now=now, lease_seconds=1e6)
 
     def takes(self, *runs: Sequence[str], packets: int = 10_000) -> list[int]:
         """Take packets while each group of runs gets one at least every 20 packets; return the group of each product."""

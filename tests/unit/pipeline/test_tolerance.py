@@ -19,7 +19,7 @@ from valerie.db import long_table, processes
 from valerie.db.engine import reading, writing
 from valerie.measures import CLASS_COLUMNS
 from valerie.pipeline.base.resolved_runs import read_run
-from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, TABLE_PARQUET, artifact_key
+from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, TABLE_PARQUET, read_artifact
 from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.evidence.exporting import export_evidence
 from valerie.pipeline.evidence.replaying import replay
@@ -262,9 +262,7 @@ class TestWorkedOff:
         assert len({row["render_class"] for row in rows}) == len({row["infer_class"] for row in rows}) == 2
 
         # The stored file has the columns, and the rows of a page are those of the table.
-        own = EvaluationTable.from_parquet(
-            pa.BufferReader(world.context.store.get(artifact_key(world.context, run, TABLE_PARQUET)))
-        )
+        own = EvaluationTable.from_parquet(pa.BufferReader(read_artifact(world.context, run, TABLE_PARQUET)))
         assert own.arrow.equals(table.arrow)
         varied = varied_types(stored.resolved)
         with reading(world.context.engine) as connection:
@@ -283,7 +281,7 @@ class TestWorkedOff:
             same = evaluation.infer_class == frame.render_class
             assert replayed["prediction"].startswith("equal" if same else "cannot be made here: blank runs as")
 
-        report = world.context.store.get(artifact_key(world.context, run, REPORT)).decode()
+        report = read_artifact(world.context, run, REPORT).decode()
         assert "blank-a (weight 1) or blank-b (weight 1)" in report
         assert re.search(r"99\.5\s% of a function", report)
         # A frame of each class is evidence.

@@ -4,7 +4,8 @@ from pathlib import Path
 import pytest
 
 from tests.shipped import EXAMPLES, SPECS, STUDIES
-from valerie.runs.forecasting.forecast import Plan, plan
+from valerie.runs.forecasting.forecast import plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.products.inputs import ProductInputs
 from valerie.runs.products.pins import Pins
 from valerie.runs.resolving.spec import parse, resolve

@@ -57,7 +57,7 @@ def test_boxes_of_different_lengths_are_refused() -> None:
     arrays = {field.name: getattr(some_boxes(), field.name) for field in fields(Boxes)}
     arrays["sizes"] = arrays["sizes"][:1]
     with pytest.raises(CorruptArtifact, match="sizes is not"):
-        decode_boxes(envelope.pack("boxes", arrays, {}), key="products/boxes/x")
+        decode_boxes(envelope.pack("boxes", arrays, {}))
 
 
 def test_one_kind_is_not_taken_for_another() -> None:

@@ -25,7 +25,7 @@ def ledger_text(claims: Claims, entries: Sequence[LedgerEntry]) -> str:
 
 
 def ledger_notes(entries: Sequence[LedgerEntry]) -> list[str]:
-    """Return what the quantities, and the intervals of differences and curves, are over, and why findings have fewer."""
+    """Return the populations of quantities and of intervals, and the reason why findings have fewer intervals."""
     return [
         f"Quantities are those of {population(estimand)}; intervals of differences and along an axis are for "
         f"{population_of_differences(estimand)}, 95 % each, from all places, since a claim is stated beforehand. A finding is "

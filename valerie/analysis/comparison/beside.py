@@ -191,7 +191,7 @@ class Beside:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Beside:
-        """Read what `to_json` returned.
+        """Read the document of `to_json`.
 
         Raises:
             InvalidInput: not such a document; the limit names the first place that does not fit.

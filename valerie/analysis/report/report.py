@@ -10,7 +10,6 @@ import base64
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache, partial
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,7 +31,7 @@ from valerie.analysis.report.distributions import distributions, means_by_occlus
 from valerie.analysis.report.examples import Example, choose_examples
 from valerie.analysis.report.in_short import in_short
 from valerie.analysis.report.model import ReportInput
-from valerie.analysis.report.pages import page_environment
+from valerie.analysis.report.pages import own_file, page_environment
 from valerie.analysis.report.panels import Panel, make_panel, styles
 from valerie.analysis.report.plots import plotly_figure, static_figure
 from valerie.analysis.report.register import register
@@ -82,7 +81,7 @@ def build_report(source: ReportInput) -> str:
     Raises:
         MissingDependency: plotly, matplotlib or scikit-learn is not installed.
     """
-    plotly, script = _plotly_source(), _own("report.js")
+    plotly, script = _plotly_source(), own_file("report.js")
     figures: list[JsonObject] = []
     names = characters(source.table)
     seen = seeing(source.table, threshold=source.summary.threshold)
@@ -130,8 +129,7 @@ def build_report(source: ReportInput) -> str:
             undefined_pacc=_undefined(source.summary),
             spec=yaml.safe_dump(dict(source.document), sort_keys=False, allow_unicode=True, width=100),
             policy=policy,
-            style=Markup(_own("report.css")),  # noqa: S704  # the package's own files
-            plotly=Markup(plotly),  # noqa: S704
+            plotly=Markup(plotly),  # noqa: S704  # the packages' own files
             script=Markup(script),  # noqa: S704
             figures=Markup(orjson.dumps(figures).decode().replace("<", "\\u003c")),  # noqa: S704
             styles=styles(names),
@@ -323,10 +321,6 @@ def _undefined(summary: Summary) -> list[tuple[str, dict[str, int]]]:
     together = any(row.character == ALL for row in summary.rows)
     rows: Iterable[Any] = (row for row in summary.rows if row.character == ALL or not together)
     return [(labels[row.function, row.sensor], row.undefined) for row in rows]
-
-
-def _own(name: str) -> str:
-    return (files("valerie.analysis.report") / "templates" / name).read_text("utf-8")
 
 
 def _plotly_source() -> str:

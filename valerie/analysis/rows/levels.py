@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from valerie.analysis.rows.binning import bin_edges
 from valerie.analysis.rows.table import EvaluationTable
+from valerie.parameters.paths import short_name
 
 #: Numbers with more distinct values than this are put into about `_RANGES` ranges.
 MAX_LEVELS: Final = 12
@@ -39,7 +40,7 @@ class Factor:
     @property
     def name(self) -> str:
         """Short name: ``sun-1.azimuth``."""
-        return "person" if self.column == "instance_id" else self.column.removeprefix("scene.")
+        return "person" if self.column == "instance_id" else short_name(self.column)
 
 
 def factors_of(table: EvaluationTable) -> tuple[Factor, ...]:
@@ -76,7 +77,7 @@ def factor_of(table: EvaluationTable, column: str) -> Factor:
 
 
 def unit_after(column: str, kind: str) -> str:
-    """Return what follows a number of a parameter; the world is in metres and degrees."""
+    """Return the unit after a number of a parameter; the world is in metres and degrees."""
     if kind == "ANGLE" or column.rpartition(".")[2] in _INCLINATIONS:
         return "°"
     return " m" if ".pos." in column else ""

@@ -23,7 +23,7 @@ def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
 
 
 def certainty_sentences(summary: Summary) -> list[str]:
-    """Return what the rows of a summary mix, the meaning of their brackets, and the reasons for missing intervals."""
+    """Return the blocks that the rows of a summary mix, the meaning of their brackets, and the reasons for missing intervals."""
     rows = summary.rows
     sentences = [blocks_sentence(summary.blocks)] if summary.blocks else []
     sentences += interval_sentences(row.pacc_mean_interval for row in rows)
@@ -45,7 +45,7 @@ def blocks_sentence(blocks: Sequence[BlockPersons]) -> str:
 
 
 def interval_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[str]:
-    """Return what intervals are for, once for each kind of design; empty without any."""
+    """Return the population of intervals, once for each kind of design; empty without any."""
     most: dict[Estimand, int] = {}
     for interval in intervals:
         if isinstance(interval, Interval):

@@ -136,7 +136,6 @@ def places_before(
     function: str | None = None,
     effect: float = EFFECT,
     deviation: float | None = None,
-    false_discoveries: float = 0.05,
 ) -> tuple[PlacesNeeded, ...]:
     """Return how many places a gate will need with this run as its baseline.
 
@@ -145,7 +144,6 @@ def places_before(
         function: the only one to speak of; None: every one.
         effect: smallest drop of pACC to detect.
         deviation: standard deviation of a place's change; None: as between the function and another one of the run.
-        false_discoveries: of the gate.
 
     Raises:
         InvalidInput: no deviation is given, and the run has no other function to take it from.
@@ -158,7 +156,7 @@ def places_before(
         masks = {"all": np.ones(len(table), np.bool_), **levels_of(table)}
         slices = {part: len(np.unique(table.places[mask & scored])) for part, mask in masks.items()}
         spread = _deviation(run, name) if deviation is None else deviation
-        needed = places_for_gate(effect, spread, len(slices), false_discoveries=false_discoveries)
+        needed = places_for_gate(effect, spread, len(slices))
         needs.append(PlacesNeeded(name, effect, spread, slices, needed))
     return tuple(needs)
 

@@ -78,16 +78,16 @@ def class_lookup(classes: Sequence[str], class_map: Mapping[str, str], *, field:
     return table
 
 
-def require_person(classes: Sequence[str], class_map: Mapping[str, str], *, field: str = "output") -> None:
+def require_person(classes: Sequence[str], class_map: Mapping[str, str]) -> None:
     """Refuse a function that can never predict a person: every run would score it 0 %.
 
     Args:
-        classes, class_map, field: see `class_lookup`.
+        classes, class_map: see `class_lookup`.
 
     Raises:
         InvalidInput: no class maps to ``person``; the limit proposes a class map.
     """
-    if PERSON.train_id in class_lookup(classes, class_map, field=field)[: len(classes)]:
+    if PERSON.train_id in class_lookup(classes, class_map, field="output")[: len(classes)]:
         return
     persons = [
         name
@@ -98,7 +98,7 @@ def require_person(classes: Sequence[str], class_map: Mapping[str, str], *, fiel
     entries = ", ".join(f"{name}: person" for name in persons)
     raise InvalidInput(
         "no class of the function is a person, and persons are what runs measure",
-        field=f"{field}.class_map",
+        field="output.class_map",
         value=", ".join(classes[:8]),
         limit=f"class_map: {{{entries}}}" if persons else "class_map: {NAME: person}, NAME being the class of persons",
     )

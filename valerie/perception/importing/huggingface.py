@@ -146,9 +146,9 @@ def _require_complete(report: _LoadingReport, field: str) -> None:
     problems += [f"{name} has another shape" for name in sorted(name for name, *_ in report["mismatched_keys"])]
     problems += [str(message) for message in report.get("error_msgs", [])]
     if problems:
-        more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
-        first = "; ".join(problems[:3])
-        raise InvalidInput(f"the weights are not those of the configuration: {first}{more}", field=field)
+        from valerie.perception.importing.network_weights import first_three
+
+        raise InvalidInput(f"the weights are not those of the configuration: {first_three(problems)}", field=field)
 
 
 def _classes(config: JsonObject, field: str) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -94,9 +94,13 @@ def require_same_shapes(
     """
     problems = differing_tensors(shapes, actual)
     if problems:
-        first = "; ".join(problems[:3])
-        more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
-        raise InvalidInput(f"the tensors are not those of the architecture: {first}{more}", field=field)
+        raise InvalidInput(f"the tensors are not those of the architecture: {first_three(problems)}", field=field)
+
+
+def first_three(problems: Sequence[str]) -> str:
+    """Return the first three problems as text, and how many more there are."""
+    more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
+    return "; ".join(problems[:3]) + more
 
 
 def differing_tensors(shapes: Mapping[str, tuple[int, ...]], actual: Mapping[str, tuple[int, ...]]) -> list[str]:

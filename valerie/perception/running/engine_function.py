@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import InferenceError, InvalidInput
-from valerie.perception.base import FunctionCard
+from valerie.perception.base import FunctionCard, require_picture
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.adaptation import Size, plan
 from valerie.perception.running.engines.base import InferenceEngine
@@ -63,9 +63,7 @@ class EngineFunction:
             InvalidInput, InferenceError: see `predict`; also pictures of different sizes.
         """
         for picture in pictures:
-            if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
-                layout = f"{picture.dtype} {picture.shape}"
-                raise InvalidInput("not a picture", field="picture", value=layout, limit="(H, W, 3) uint8, not empty")
+            require_picture(picture)
         if len({picture.shape for picture in pictures}) > 1:
             raise InvalidInput("pictures of different sizes", field="pictures")
         if not pictures:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from valerie.addresses import allowed_target, parse_allowed
 from valerie.errors import InferenceError, InvalidInput, NoAnswer
 from valerie.outbound import post
-from valerie.perception.base import FunctionCard
+from valerie.perception.base import FunctionCard, require_picture
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import HttpOptions
 from valerie.perception.running.label_png import decode_labels, encode_png, max_label_bytes
@@ -64,9 +64,7 @@ class HttpFunction:
             InferenceError: the host has no address, or the answer is late, has a status other than 200 or another version, or
                 is no label map of the frame.
         """
-        if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
-            layout = f"{picture.dtype} {picture.shape}"
-            raise InvalidInput("not a picture", field="picture", value=layout, limit="(H, W, 3) uint8, not empty")
+        require_picture(picture)
         height, width = picture.shape[:2]
         headers = {
             "Content-Type": "image/png",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
+
+import orjson
 
 from valerie.db import runs
 from valerie.db.engine import reading
@@ -35,3 +37,13 @@ def artifact_key(context: Context, run_id: str, name: str) -> str:
         artifact = name.partition(".")[0]
         raise Conflict(f"run {run_id} is {run.state} and has no {artifact}; a run gets one when it completes")
     return key
+
+
+def read_artifact(context: Context, run_id: str, name: str) -> bytes:
+    """Read an artifact that the end of a run wrote; errors as in `artifact_key`."""
+    return context.store.get(artifact_key(context, run_id, name))
+
+
+def read_summary(context: Context, run_id: str) -> Any:
+    """Return the document of a run's summary, findings and verdicts; errors as in `artifact_key`."""
+    return orjson.loads(read_artifact(context, run_id, SUMMARY))

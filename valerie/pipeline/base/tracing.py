@@ -19,7 +19,8 @@ from valerie.settings import Settings
 if TYPE_CHECKING:
     from opentelemetry.sdk.trace import SpanProcessor, TracerProvider
 
-    from valerie.db.products import Finished, Job
+    from valerie.db.claiming import Job
+from valerie.db.publishing import Finished
 
 #: Time that a process collects spans before it sends them, milliseconds. A process that is killed loses them.
 _COLLECTED_MS: Final = 1_000

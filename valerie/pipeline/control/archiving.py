@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from valerie.db import archiving, copying, runs, sweeping
+from valerie.db import archiving, copying, runs, sweeping, usage
 from valerie.db.archives import reading_run
 from valerie.db.engine import database_time, reading, translated, writing
 from valerie.db.models import REVISION, Base
@@ -81,7 +81,7 @@ def _write(context: Context, run: RunRow) -> Archive:
             run = runs.get(connection, run.id)
             copying.copy_contents(connection, target, run.id)
             now = database_time(connection)
-            own = runs.unshared(connection, run, since=now - CPU_PERIOD.total_seconds())
+            own = usage.unshared(connection, run, since=now - CPU_PERIOD.total_seconds())
         tables = row_files.write_files(path, context.store, run.id)
         row_files.read_files(again, context.store, run.id, REVISION, tables)
         if table := row_files.differing_table(path, again):

@@ -8,7 +8,7 @@ from typing import Final
 
 from sqlalchemy import Connection
 
-from valerie.db import fed_blocks, products, retention, runs
+from valerie.db import fed_blocks, products, retention, runs, usage
 from valerie.db.engine import database_moment, database_time, reading, writing
 from valerie.db.statements import lock
 from valerie.errors import Conflict
@@ -97,13 +97,13 @@ def delete(context: Context, run_id: str) -> None:
         run = runs.get(connection, run_id)
         since = database_time(connection) - CPU_PERIOD.total_seconds()
         if limits_costs(context.settings, run.owner, run.project):
-            seconds = runs.unshared(connection, run, since=since).cpu_seconds
+            seconds = usage.unshared(connection, run, since=since).cpu_seconds
     with writing(context.engine) as connection:
         run = runs.get(connection, run_id)
         if run.state in runs.ACTIVE:
             raise Conflict(f"run {run_id} is {run.state}: cancel it before deleting it")
         if seconds is not None:
-            runs.remember(connection, run, seconds, since=since)
+            usage.remember(connection, run, seconds, since=since)
         runs.remove(connection, run_id)
     context.store.delete(info.key for info in list(context.store.list(run_prefix(run_id).rstrip("/"))))
 

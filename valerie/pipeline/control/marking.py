@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import orjson
-
 from valerie.db import frames, marks, runs
 from valerie.db.engine import database_moment, writing
 from valerie.errors import InvalidInput, NotFound
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
+from valerie.pipeline.base.run_artifacts import read_summary
 from valerie.runs.marks import Mark, MarkKind, Subject
 from valerie.runs.products.frame_keys import FrameKey
 
@@ -39,5 +37,5 @@ def _findings(context: Context, run_id: str) -> list[str]:
         NotFound: no such run.
         Conflict: it has not completed.
     """
-    findings = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))["findings"]
+    findings = read_summary(context, run_id)["findings"]
     return [finding["sentence"] for finding in (*findings["items"], *findings["candidates"])]

@@ -294,7 +294,7 @@ class Work:
 
 
 def work(context: Context, hours: int) -> Work:
-    """Return what was made in the last hours, and the space left.
+    """Return cost and failures of the last hours, and the space left.
 
     Raises:
         StorageUnavailable: the artifact folder cannot be read.

@@ -19,7 +19,8 @@ from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.control import quotas
 from valerie.pipeline.functions import registry
 from valerie.runs.forecasting.costs import Cost, CostKey, CostTable
-from valerie.runs.forecasting.forecast import EXACT_FRAMES, Plan, plan
+from valerie.runs.forecasting.forecast import EXACT_FRAMES, plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.products.pins import Pins, TolerantPins, numeric_classes
 from valerie.runs.products.states import EVAL_QUEUE, ProductKind
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
@@ -68,7 +69,7 @@ def plan_run(
 
 
 def forecast(connection: Connection, resolved: ResolvedRun, pins: Pins | None, tenant: str) -> Cost:
-    """Return what a run will take, from a sample that is examined within a second; costs that are guesses are left out."""
+    """Estimate the cost of a run from a sample, within a second. Costs that are guesses are left out."""
     return _planned(connection, resolved, pins, tenant, _FORECAST_FRAMES).known_cost
 
 

@@ -21,7 +21,8 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
 from valerie.pipeline.work.preview_process import PreviewAnswer, PreviewFrame, PreviewJob
-from valerie.runs.forecasting.forecast import PlannedVariant, planned_variants
+from valerie.runs.forecasting.forecast import planned_variants
+from valerie.runs.forecasting.plan import PlannedVariant
 from valerie.runs.resolving.sensors import focal_length_mm, setting_of
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from sqlalchemy import Connection
 
-from valerie.db import runs, tokens
+from valerie.db import tokens, usage
 from valerie.db.engine import database_time
 from valerie.db.runs import RunRow, SubmittedRun
 from valerie.errors import InvalidInput, QuotaExceeded
@@ -54,7 +54,7 @@ class Quota:
 
     @property
     def exhaustion(self) -> str | None:
-        """Why no run may go on, in words; None if there is room."""
+        """The reason, in words, why no run may go on; None if there is room."""
         if self.used < self.limit:
             return None
         if self.resource is Resource.CPU_HOURS:
@@ -67,7 +67,7 @@ class Quota:
         return None  # a run that has begun is counted
 
     def refusal(self, more: float) -> str | None:
-        """Why a run that takes ``more`` may not start, in words; None if it may."""
+        """Return the reason, in words, why a run that takes ``more`` may not start; None if it may."""
         total = self.used + self.forecast + more
         if self.exhaustion is not None or total <= self.limit:
             return self.exhaustion
@@ -116,7 +116,7 @@ class _Holder:
         limits = self.limits(settings)
         if not limits:
             return []
-        unfinished = runs.unfinished(connection, owner=self.owner, project=self.project, besides=besides)
+        unfinished = usage.unfinished(connection, owner=self.owner, project=self.project, besides=besides)
         made = spent.get(self, Cost(0.0, 0.0))
         counted = {
             Resource.RUNS: (unfinished.runs, 0.0),
@@ -137,7 +137,7 @@ def spent_by(connection: Connection, settings: Settings, pairs: Iterable[Pair]) 
     """Add up what owners and projects took; of millions of products, that takes seconds, so not while others wait."""
     since = database_time(connection) - CPU_PERIOD.total_seconds()
     holders = {holder for pair in pairs for holder in _holders(*pair) if _COSTS & holder.limits(settings).keys()}
-    return {each: runs.made(connection, owner=each.owner, project=each.project, since=since) for each in holders}
+    return {each: usage.made(connection, owner=each.owner, project=each.project, since=since) for each in holders}
 
 
 def require_quota(connection: Connection, settings: Settings, run: SubmittedRun, spent: Spent) -> None:
@@ -158,7 +158,7 @@ def require_quota(connection: Connection, settings: Settings, run: SubmittedRun,
     holders = [holder for holder in _holders(run.owner, run.project) if holder.limits(settings)]
     if holders:
         tokens.lock(connection, owner=run.owner, project=run.project)
-    rest = runs.rest(run.forecast, run.progress if isinstance(run, RunRow) else None)
+    rest = usage.rest(run.forecast, run.progress if isinstance(run, RunRow) else None)
     for holder in holders:
         for reason in _refusals(holder.quotas(connection, settings, spent, besides=run.id), run.variant_count, rest):
             raise QuotaExceeded(reason)
@@ -201,7 +201,7 @@ def limits_costs(settings: Settings, owner: str | None, project: str) -> bool:
 
 def quotas_of(connection: Connection, settings: Settings, owner: str | None, project: str) -> list[Quota]:
     """Return the quotas of an owner and a project; for the operator those of all that have runs."""
-    pairs: list[Pair] = [*runs.holders(connection)] if owner is None else [(owner, project)]
+    pairs: list[Pair] = [*usage.holders(connection)] if owner is None else [(owner, project)]
     spent = spent_by(connection, settings, pairs)
     holders = dict.fromkeys(holder for pair in pairs for holder in _holders(*pair))
     return [quota for holder in holders for quota in holder.quotas(connection, settings, spent)]

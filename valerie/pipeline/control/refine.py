@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import orjson
 from numpy.typing import NDArray
 
 from valerie.analysis.findings.findings import Findings
@@ -19,7 +18,7 @@ from valerie.measures import TableRow
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
-from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
+from valerie.pipeline.base.run_artifacts import read_summary
 from valerie.pipeline.reading.selection import evaluated_persons, run_where
 from valerie.plain import typed
 
@@ -81,8 +80,7 @@ def refine_run(
 
 
 def _of_finding(context: Context, run_id: str, number: int) -> tuple[str, str]:
-    document = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
-    finding = typed(Findings, document["findings"]).numbered(number)
+    finding = typed(Findings, read_summary(context, run_id)["findings"]).numbered(number)
     return finding.spec, finding.sentence
 
 

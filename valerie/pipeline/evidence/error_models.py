@@ -16,7 +16,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.run_artifacts import TABLE_PARQUET, artifact_key
+from valerie.pipeline.base.run_artifacts import TABLE_PARQUET, read_artifact
 from valerie.runs.resolving.spec import RunSpec
 from valerie.storage.keys import run_key, run_prefix
 
@@ -49,9 +49,7 @@ def make_error_models(
         Conflict: the run has not ended.
         InvalidInput, MissingDependency: as for `valerie.analysis.error_model.model.fit_error_models`.
     """
-    table = EvaluationTable.from_parquet(
-        pa.BufferReader(context.store.get(artifact_key(context, run_id, TABLE_PARQUET)))
-    )
+    table = EvaluationTable.from_parquet(pa.BufferReader(read_artifact(context, run_id, TABLE_PARQUET)))
     with reading(context.engine) as connection:
         spec = runs.get(connection, run_id).spec
     threshold = spec.detection_threshold if threshold is None else threshold

@@ -24,7 +24,7 @@ from valerie.db.runs import RunRow
 from valerie.errors import StorageFull, StorageUnavailable
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
-from valerie.pipeline.base.run_artifacts import ENVIRONMENT, REPORT, SUMMARY, TABLE_CSV, TABLE_PARQUET, artifact_key
+from valerie.pipeline.base.run_artifacts import ENVIRONMENT, REPORT, SUMMARY, TABLE_CSV, TABLE_PARQUET, read_artifact
 from valerie.pipeline.evidence.contents import (
     FRAMES,
     PICTURES,
@@ -132,7 +132,7 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
     signer = None if key is None else read_private_key(key)
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
-    results = {name: context.store.get(artifact_key(context, run_id, name)) for name in _RESULTS}
+    results = {name: read_artifact(context, run_id, name) for name in _RESULTS}
     table = EvaluationTable.from_parquet(pa.BufferReader(results[TABLE_PARQUET]))
     digest = table_digest(table)
     models = stored_error_models(context, run_id, digest)

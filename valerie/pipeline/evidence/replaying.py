@@ -17,10 +17,10 @@ from PIL import Image
 from pydantic import TypeAdapter, ValidationError
 
 from valerie.db import runs
+from valerie.db.claiming import EvaluationLink, Job
 from valerie.db.engine import writing
 from valerie.db.links import StoredFrame
 from valerie.db.migrate import migrate
-from valerie.db.products import EvaluationLink, Job
 from valerie.db.runs import SubmittedRun
 from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context, open_context

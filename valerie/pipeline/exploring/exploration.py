@@ -26,6 +26,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import BY_NAME, MEASURES, OF_FUNCTION, Cell, ColumnType, Source, names_from
 from valerie.parameters.constraints import Sql, compile_constraint
 from valerie.parameters.definitions import ParameterType
+from valerie.parameters.paths import short_name
 from valerie.pipeline.exploring.bins import Bins, Grid, column_bins, column_grid
 from valerie.runs.resolving.where import Column
 
@@ -149,7 +150,7 @@ class Exploration:
             if m.type is not ColumnType.TEXT
         ]
         described += [
-            self._described(path, path.removeprefix("scene."), f"the varied parameter {path}", self._units.get(path, ""),
+            self._described(path, short_name(path), f"the varied parameter {path}", self._units.get(path, ""),
                             1.0, None, "varied")
             for path in self.table.parameters
         ]  # fmt: skip
@@ -277,7 +278,7 @@ class Exploration:
                 of = ParameterType.CATEGORICAL
                 choices = () if pa.types.is_string(kind) else self.table.codes(name).names
             share = name in BY_NAME and BY_NAME[name].unit == "%"
-            operands[name] = operands[name.removeprefix("scene.")] = Column(name, of, choices, share=share)
+            operands[name] = operands[short_name(name)] = Column(name, of, choices, share=share)
         return operands
 
     def _described(

@@ -79,7 +79,7 @@ class Explorations:
         units: dict[str, str] = {}
         for row in rows:
             stored = resolve_stored(row, self._context.settings)
-            units |= {d.path: "°" if d.unit == "deg" else d.unit for d in stored.resolved.definitions}
+            units |= {d.path: d.unit_sign for d in stored.resolved.definitions}
             key = run_key(row.id, TABLE_PARQUET)
             if row.finished_at is not None and self._context.store.exists(key):
                 table = EvaluationTable.from_parquet(pa.BufferReader(self._context.store.get(key)))

@@ -106,7 +106,7 @@ class Tiles:
         return buffer.getvalue()
 
     def _sources(self, tiles: Sequence[Tile], shape: Shape) -> dict[FrameKey, FrameSources]:
-        """Return what the tiles that are not kept may show; unknown frames are left out."""
+        """Return the sources of the tiles that are not kept; unknown frames are left out."""
         with self._lock:
             keys = {tile.frame: None for tile in tiles if (tile, shape) not in self._kept}
         found: dict[FrameKey, FrameSources] = {}

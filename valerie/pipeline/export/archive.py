@@ -66,7 +66,7 @@ class _Sink(io.RawIOBase):
         return len(part)
 
     def taken(self) -> bytes:
-        """Return what was written since the last time."""
+        """Return the bytes that were written since the last call."""
         data = b"".join(self._parts)
         self._parts.clear()
         return data

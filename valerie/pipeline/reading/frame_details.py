@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Final, Protocol
 
 from sqlalchemy import Connection
@@ -215,24 +215,14 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     lights = {person.instance_id: person.measures for person in lit}
     kinds = (*FRAME_KINDS, *(kind for kind in annotations if kind in ANNOTATION_KINDS))
     step, pins = resolved.times.step, run.pins.at(frame.assignment)
-    summary = _summary(frame, states, resolved)
     return FrameDetails(
-        id=summary.id,
-        variant_index=summary.variant_index,
-        camera=summary.camera,
-        time_index=summary.time_index,
-        time_s=summary.time_s,
-        background=summary.background,
-        layer=summary.layer,
-        truth=summary.truth,
-        state=summary.state,
-        removed=summary.removed,
+        **asdict(_summary(frame, states, resolved)),
         run_id=key.run_id,
         width=resolved.spec.resolution.width,
         height=resolved.spec.resolution.height,
         sequence=None if step is None else FrameSequence(len(resolved.times.elapsed), step),
         assignment={**frame.assignment, **resolved.at(frame.assignment, key.time)},
-        units={d.path: "°" if d.unit == "deg" else d.unit for d in resolved.definitions if d.unit},
+        units={d.path: d.unit_sign for d in resolved.definitions if d.unit},
         render_class=pins.engine.numeric_class,
         truth_class=pins.truth.numeric_class,
         annotations={kind: link.product for kind, link in annotations.items()},

@@ -105,7 +105,7 @@ class FrameSources:
 
 
 def frame_sources(context: Context, key: FrameKey, *, evaluated: bool) -> FrameSources:
-    """Read what the pictures of a frame may show.
+    """Read the products that the pictures of a frame may show.
 
     Args:
         context: of this process.
@@ -124,7 +124,7 @@ def frame_sources(context: Context, key: FrameKey, *, evaluated: bool) -> FrameS
 def sources_of_frames(
     context: Context, run_id: str, keys: Collection[FrameKey], *, evaluated: bool
 ) -> dict[FrameKey, FrameSources]:
-    """Read what the pictures of several frames of a run may show; unknown frames are left out.
+    """Read the products that the pictures of several frames of a run may show; unknown frames are left out.
 
     Raises:
         NotFound: no such run.

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import orjson
-
 from valerie.analysis.verdicts.gate import GateRun
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import read_run
-from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
+from valerie.pipeline.base.run_artifacts import read_summary
 from valerie.pipeline.reading.tables import read_table
 from valerie.plain import typed
 
@@ -20,7 +18,7 @@ def read_gate_run(context: Context, run_id: str) -> GateRun:
         NotFound: no such run.
         Conflict: it has not ended, or its asset changed.
     """
-    summary = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
+    summary = read_summary(context, run_id)
     run = read_run(context, run_id)
     return GateRun(
         run_id,

@@ -58,7 +58,7 @@ class Pixels:
         self._predictions: LRUCache[str, NDArray[np.uint8]] = LRUCache(_PREDICTIONS)
 
     def at(self, key: FrameKey, x: int, y: int) -> list[SeenPixel]:
-        """Return what a pixel shows to each sensor, from the frame's left upper corner.
+        """Return truth and predictions at a pixel for each sensor, counted from the frame's left upper corner.
 
         Raises:
             NotFound: no such run or frame.

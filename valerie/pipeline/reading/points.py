@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from valerie.analysis.rows.frame_counts import ABSENT
-from valerie.db import long_table, runs
+from valerie.db import long_table, runs, variants
 from valerie.db.archives import reading_run
 from valerie.db.long_table import Point
 from valerie.db.models import Assignment
 from valerie.errors import UnknownName
 from valerie.measures import Measure, Source, measures_from
 from valerie.parameters.definitions import Value
+from valerie.parameters.paths import short_name
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.tables import character_of
@@ -47,9 +48,6 @@ def _axis(measure: Measure, group: str) -> PlotAxis:
     return PlotAxis(measure.name, measure.title, measure.unit, measure.scale, group)
 
 
-_NUMERIC: Final = ("FLOAT", "ANGLE", "INT")
-
-
 def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
     """Return the columns that a run's pACC can be plotted over: those that it fills, and numbers that vary in it."""
     varied = set(resolved.space.varied)
@@ -58,10 +56,10 @@ def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
     differing = {*varied_conditions(varied), *(("time_s",) if len(resolved.times.elapsed) > 1 else ())}
     circumstances = (measure for measure in measures_from(Source.CONDITIONS) if measure.name in differing)
     parameters = (
-        PlotAxis(d.path, d.path.removeprefix("scene."), "°" if d.type == "ANGLE" else d.unit, 1.0, "varied")
+        PlotAxis(d.path, short_name(d.path), "°" if d.type == "ANGLE" else d.unit, 1.0, "varied")
         for d in resolved.definitions
         # The sun's angles are conditions already, in either notation.
-        if d.path in varied and d.type in _NUMERIC and d.path not in ANGLES
+        if d.path in varied and d.is_number and d.path not in ANGLES
     )
     return (
         *(_axis(measure, "person") for measure in person),
@@ -140,7 +138,7 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
         share = min(1.0, limit / max(evaluated * max(len(resolved.manifest.persons), 1), 1))
         stored = column if column in long_table.COLUMNS else None
         rows = long_table.points(connection, run_id, stored, share=share)
-        assignments = runs.assignments(connection, run_id, {row.variant_index for row in rows})
+        assignments = variants.assignments(connection, run_id, {row.variant_index for row in rows})
     spec = resolved.spec
     points = ScatterPoints(
         column=column,
@@ -150,7 +148,7 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
         axes=axes,
         share=share,
     )
-    value_of = _stored_value if stored else _from_assignment(column, resolved)
+    value_of = _value_of(column, resolved)
     for row in rows:
         if row.undefined_reason == ABSENT:  # not in the scene; summaries do not count such a person either
             continue
@@ -164,12 +162,10 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
     return points
 
 
-def _stored_value(row: Point, _: Assignment) -> float | None:
-    return row.x
-
-
-def _from_assignment(column: str, resolved: ResolvedRun) -> Callable[[Point, Assignment], float | None]:
-    """Return the function that computes a column from the assignment of a row's variant."""
+def _value_of(column: str, resolved: ResolvedRun) -> Callable[[Point, Assignment], float | None]:
+    """Return the function that reads a column from a row, or computes it from the assignment of its variant."""
+    if column in long_table.COLUMNS:
+        return lambda row, _: row.x
     if column == "time_s":
         return lambda row, assignment: resolved.seconds(assignment, row.time_index)
     if column in Conditions._fields:

@@ -23,7 +23,7 @@ from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.db import results, runs
+from valerie.db import results, runs, variants
 from valerie.db.archives import reading_run
 from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
@@ -285,7 +285,7 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
         now = database_moment(connection)
     for row in results.runs:
         with reading_run(context.engine, row.id) as connection:
-            rejected.update(runs.rejections(connection, row.id))
+            rejected.update(variants.rejections(connection, row.id))
             for kind, seconds in runs.cpu_seconds(connection, row.id).items():
                 spent[kind] += seconds
     submitted = min(row.created_at for row in results.runs)

@@ -16,6 +16,7 @@ from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses, all_classes
 from valerie.db import long_table, results
+from valerie.db import variants as stored_variants
 from valerie.db.archives import reading_run
 from valerie.db.long_table import LongRow, Piece
 from valerie.db.models import Assignment
@@ -60,7 +61,7 @@ def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
     """Read the long table of all evaluations so far."""
     varied = varied_types(run.resolved)
     with reading_run(engine, run.id) as connection:
-        assignments = long_table.assignments(connection, run.id)
+        assignments = stored_variants.assignments(connection, run.id)
         pieces = [
             EvaluationTable.from_columns(_table_columns(piece, run, assignments, varied), varied)
             for piece in long_table.pieces(connection, run.id)

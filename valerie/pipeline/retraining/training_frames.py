@@ -235,7 +235,7 @@ def frames_of(
 
 
 def _makers() -> dict[str, str]:
-    """Return what the provenance says of engine and truth pass, which are opened in this process."""
+    """Return the entries of the provenance on engine and truth pass, which are opened in this process."""
     renderer = create_renderer(_ENGINE)
     truth_pass = create_truth_pass(renderer.numeric_class)
     try:

@@ -282,15 +282,13 @@ def _assign(assignment: dict[str, Value], manifest: Manifest, path: str, value: 
     """Set a value within the declared range; nothing if the asset does not declare the path."""
     definition = manifest.by_path.get(path)
     if definition is not None:
-        lowest = -math.inf if definition.minimum is None else definition.minimum
-        highest = math.inf if definition.maximum is None else definition.maximum
+        lowest, highest = definition.bounds
         assignment[path] = min(max(float(value), lowest), highest)
 
 
 def _allows(manifest: Manifest, path: str, value: float) -> bool:
-    definition = manifest.definition(path)
-    above = definition.minimum is None or value >= definition.minimum
-    return above and (definition.maximum is None or value <= definition.maximum)
+    lowest, highest = manifest.definition(path).bounds
+    return lowest <= value <= highest
 
 
 def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> bool:

@@ -13,7 +13,7 @@ from typing import Final
 import psutil
 import structlog
 
-from valerie.db import processes, products, runs
+from valerie.db import claiming, processes, runs
 from valerie.db.engine import database_time, reading
 from valerie.errors import MissingDependency, TransientError
 from valerie.pipeline.base.context import Context
@@ -72,7 +72,7 @@ def _look(context: Context, routes: Sequence[str]) -> tuple[list[str], float]:
     """Return the queues with ready products, and the longest pause; idle workers only read."""
     with reading(context.engine) as connection:
         now = database_time(connection)
-        due = [route for route in routes if products.any_due(connection, route, now=now)]
+        due = [route for route in routes if claiming.any_due(connection, route, now=now)]
         shortest, longest = _LONGEST_SECONDS
         return due, min(max(processes.count_workers(connection, now=now) / _LOOKS_PER_SECOND, shortest), longest)
 

@@ -10,9 +10,10 @@ from obstore.store import MemoryStore
 
 from valerie.db import frames, measured, results, runs
 from valerie.db.archives import reading_run
+from valerie.db.claiming import EvaluationLink, Job
 from valerie.db.frames import AnnotationLink
 from valerie.db.measured import FrameScore
-from valerie.db.products import EvaluationLink, Finished, Job
+from valerie.db.publishing import Finished
 from valerie.db.results import FrameEvaluation
 from valerie.errors import MissingInput, NotFound, ValerieError
 from valerie.measures import Cell
@@ -77,7 +78,7 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
         for kind, link in annotations.items()
     ]
     for row in evaluations:
-        look = EvaluationLink(row.sensor_index, row.function_index, row.prediction, row.empty)
+        look = EvaluationLink.of(row)
         name = f"{run.spec.functions[look.function]} / {run.spec.sensors[look.sensor].name}"
         replayed.append(replay.compare(infer, Job(row.prediction, ProductKind.PREDICTION, 1, frame, look), name))
         if row.empty is not None:

@@ -14,9 +14,10 @@ from typing import Final, Protocol, runtime_checkable
 
 import structlog
 
-from valerie.db import products
+from valerie.db import claiming, products, publishing
+from valerie.db.claiming import Job
 from valerie.db.engine import database_time, writing
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.db.statements import lock
 from valerie.errors import (
     MissingInput,
@@ -81,7 +82,7 @@ def serve_queue(context: Context, maker: Maker, route: str) -> bool:
     while again and context.fitness.fit():
         with writing(context.engine) as connection:
             now, lease = database_time(connection), context.settings.lease_seconds
-            jobs = products.claim_next(connection, route, owner=context.owner, now=now, lease_seconds=lease)
+            jobs = claiming.claim_next(connection, route, owner=context.owner, now=now, lease_seconds=lease)
         # Messages are counted for the packets of products that were never tried.
         again = any(job.attempts > 1 for job in jobs)
         worked = worked or bool(jobs)
@@ -93,7 +94,7 @@ def make_products(context: Context, maker: Maker, digests: Sequence[str]) -> Non
     """Make those of ``digests`` that are ready and still wanted; record what became of each."""
     with writing(context.engine) as connection:
         now, lease = database_time(connection), context.settings.lease_seconds
-        jobs = products.claim(connection, digests, owner=context.owner, now=now, lease_seconds=lease)
+        jobs = claiming.claim(connection, digests, owner=context.owner, now=now, lease_seconds=lease)
     _make(context, maker, jobs)
 
 
@@ -211,7 +212,7 @@ def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
 def _publish(context: Context, finished: Sequence[Finished]) -> None:
     with writing(context.engine) as connection:
         now = database_time(connection)
-        published = products.publish(connection, finished, owner=context.owner, now=now)
+        published = publishing.publish(connection, finished, owner=context.owner, now=now)
     lost = {product.digest for product in finished} - set(published)
     if lost:
         log.warning("stage.lease_lost", digests=sorted(lost))
@@ -245,7 +246,7 @@ def _again_or_never(context: Context, job: Job, error: TransientError) -> None:
 
 def _give_back(context: Context, digests: Collection[str], *, seconds: float, count_attempt: bool = True) -> None:
     with writing(context.engine) as connection:
-        products.hand_back(
+        claiming.hand_back(
             connection,
             digests,
             owner=context.owner,
@@ -263,7 +264,7 @@ def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
     context.store.delete(product_key(error.kind, error.digest))  # a damaged object must not be mistaken for the new one
     with writing(context.engine) as connection:
         lock(connection, [job.digest, error.digest])
-        products.await_inputs(connection, [job.digest], owner=context.owner)
+        claiming.await_inputs(connection, [job.digest], owner=context.owner)
         products.forget(connection, [error.digest])
         ready = products.promote(connection, [error.digest], database_time(connection))
     send_ready(context, ready)
@@ -278,7 +279,7 @@ def _renewing(context: Context, batch: _Batch) -> AbstractContextManager[None]:
         try:
             with writing(context.engine) as connection:
                 until = database_time(connection) + context.settings.lease_seconds
-                products.renew(connection, digests, owner=context.owner, until=until)
+                claiming.renew(connection, digests, owner=context.owner, until=until)
         except TransientError as error:
             log.warning("stage.heartbeat", reason=str(error))
 

@@ -12,8 +12,9 @@ from typing import Final
 import numpy as np
 
 from valerie.db import functions, results, runs
+from valerie.db.claiming import Job
 from valerie.db.engine import reading
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.errors import Conflict, InvalidInput, NotFound, TransientError, UnknownName
 from valerie.labels import VOID
 from valerie.perception.documents.function import FunctionDocument

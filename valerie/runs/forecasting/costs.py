@@ -6,7 +6,7 @@ The shipped table (``costs.json``) contains measurements and names the machine. 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from functools import cache
 from importlib.resources import files
@@ -47,6 +47,12 @@ class Cost(NamedTuple):
 
     cpu_seconds: float
     bytes: float
+
+    @classmethod
+    def total(cls, costs: Iterable[Cost]) -> Cost:
+        """Return the sum of costs."""
+        costs = list(costs)
+        return cls(sum(cost.cpu_seconds for cost in costs), sum(cost.bytes for cost in costs))
 
 
 class CostTable:

@@ -157,7 +157,7 @@ class ProgressToday(Progress):
 
 
 def outlook(counted: Progress | None, state: RunState, left: float, now: float) -> str | None:
-    """Return whether an unfinished run will be done by its deadline at its present rate, in words.
+    """Compare in words the deadline of an unfinished run with its end at the present rate.
 
     Args:
         counted: at the latest count.

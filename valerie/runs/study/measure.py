@@ -87,7 +87,7 @@ class VariantMeasure:
         return self.statistic.shown(score)
 
 
-def parse_measure(text: str, *, field: str = "measure") -> VariantMeasure:
+def parse_measure(text: str) -> VariantMeasure:
     """Read a measure.
 
     Raises:
@@ -95,13 +95,13 @@ def parse_measure(text: str, *, field: str = "measure") -> VariantMeasure:
     """
     extreme = _EXTREME.fullmatch(text)
     if extreme is None:
-        return VariantMeasure(text, parse_statistic(text, field=field), "mean")
+        return VariantMeasure(text, parse_statistic(text, field="measure"), "mean")
     over, column, rest = extreme.groups()
     try:
-        statistic = parse_statistic(f"mean({column}){rest}", field=field)
+        statistic = parse_statistic(f"mean({column}){rest}", field="measure")
     except UnknownName:
         raise
     except InvalidInput as refused:
         limit = str(refused.limit).replace("mean(", f"{over}(")
-        raise InvalidInput(refused.message, field=field, value=text, limit=limit) from None
+        raise InvalidInput(refused.message, field="measure", value=text, limit=limit) from None
     return VariantMeasure(text, statistic, over)

@@ -20,21 +20,18 @@ from valerie.scene.graph.naming import ROOT
 DEFAULT_SUN = Sun(azimuth=math.radians(150.0), elevation=math.radians(40.0))
 
 
-def load_gltf(
-    path: Path, *, node_classes: Mapping[str, str] | None = None, movable: Sequence[str] | None = None
-) -> Scene:
+def load_gltf(path: Path, *, node_classes: Mapping[str, str] | None = None) -> Scene:
     """Read one file as a scene.
 
     Args:
         path: a .glb or .gltf.
         node_classes: class by path, for nodes whose names state none.
-        movable: paths that move; None for those that the file itself marks.
 
     Raises:
         InvalidInput: see `read_gltf`; or two nodes have the same path or instance id.
     """
     part = read_gltf(path)
-    return _scene([(path.name, part)], node_classes or {}, part.movable if movable is None else movable)
+    return _scene([(path.name, part)], node_classes or {}, part.movable)
 
 
 def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:

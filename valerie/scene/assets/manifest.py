@@ -242,7 +242,7 @@ class Manifest(Document):
         """Return the declared parameters by path."""
         return {definition.path: definition for definition in self.parameters}
 
-    def definition(self, path: str, *, field: str = "") -> ParameterDefinition:
+    def definition(self, path: str) -> ParameterDefinition:
         """Return the declaration of a path.
 
         Raises:
@@ -251,7 +251,7 @@ class Manifest(Document):
         try:
             return self.by_path[path]
         except KeyError:
-            raise UnknownName("parameter", path, self.by_path, field=field) from None
+            raise UnknownName("parameter", path, self.by_path) from None
 
     def require_camera(self, name: str, *, field: str = "") -> str:
         """Return ``name`` if it is a camera of this asset.

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
+from valerie.parameters.paths import short_name
 from valerie.scene.graph.naming import SUN_PATH
 
 AZIMUTH: Final = f"{SUN_PATH}.azimuth"
@@ -122,12 +123,8 @@ def angles_of(clock: Mapping[str, Value]) -> dict[str, Value]:
     return {AZIMUTH: round(azimuth, 6) % 360.0, ELEVATION: round(elevation, 6) + 0.0}
 
 
-def require_one_notation(paths: frozenset[str] | set[str], *, field: str = "") -> None:
-    """Refuse a sun that is given in both notations.
-
-    Args:
-        paths: paths of the given parameters.
-        field: field of the error; by default the first angle.
+def require_one_notation(paths: frozenset[str] | set[str]) -> None:
+    """Refuse a sun that parameters with these paths give in both notations.
 
     Raises:
         InvalidInput: the paths contain an angle of the sun as well as a time or place.
@@ -136,7 +133,7 @@ def require_one_notation(paths: frozenset[str] | set[str], *, field: str = "") -
     if angles and clock:
         raise InvalidInput(
             "the sun is given twice, by its angles and by time and place",
-            field=field or angles[0],
-            value=", ".join(path.removeprefix("scene.") for path in (*angles, *clock)),
+            field=angles[0],
+            value=", ".join(short_name(path) for path in (*angles, *clock)),
             limit="one of the two notations",
         )

@@ -14,8 +14,9 @@ from tests.world.drawn import CLASS, DrawnWorld, spec
 from tests.world.makers import DrawingMaker
 from tests.world.world import settings_of
 from valerie.db import runs, studies
+from valerie.db.claiming import Job
 from valerie.db.engine import reading
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.db.studies import BatchRow, StudyRow
 from valerie.errors import InvalidInput
 from valerie.pipeline.control.loop import ControlLoop

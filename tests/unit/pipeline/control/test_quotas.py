@@ -12,7 +12,7 @@ from sqlalchemy import select
 
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
-from valerie.db import runs
+from valerie.db import runs, usage
 from valerie.db.engine import database_time, reading
 from valerie.db.models import Product
 from valerie.errors import Conflict, QuotaExceeded, StorageFull
@@ -83,13 +83,13 @@ def test_what_runs_took_and_store_leaves_no_room_for_another(pipelines: Make) ->
     first, again = (pipeline.submit(owner="Eve") for _ in range(2))
     assert pipeline.run(first) == pipeline.run(again) == pipeline.run(pipeline.submit(owner="Ada")) == "completed"
     with reading(pipeline.context.engine) as connection:
-        made = runs.made(connection, owner="Eve")
-        assert made == runs.made(connection, owner="Ada") == runs.made(connection)
+        made = usage.made(connection, owner="Eve")
+        assert made == usage.made(connection, owner="Ada") == usage.made(connection)
         linked = runs.linked_digests(connection, first, list(ProductState))
         sizes = {digest: size for digest, size in connection.execute(select(Product.digest, Product.bytes))}  # noqa: C416  # mypy reads the types of rows
         seconds = sum(runs.cpu_seconds(connection, again).values())
         later = database_time(connection) + 1
-        assert runs.made(connection, owner="Eve", since=later) == (0.0, made.bytes)
+        assert usage.made(connection, owner="Eve", since=later) == (0.0, made.bytes)
     assert made.cpu_seconds == pytest.approx(seconds)
     assert made.bytes == sum(sizes[digest] or 0 for digest in linked) > 0
 
@@ -109,7 +109,7 @@ def test_pictures_that_a_run_no_longer_keeps_are_not_stored(pipeline: Pipeline) 
     pipeline.run(pipeline.submit({**SMALL, "retention": "numbers"}, owner="Eve"))
     made = [product for product in pipeline.products() if product.kind != "statics"]
     with reading(pipeline.context.engine) as connection:
-        cpu_seconds, size = runs.made(connection, owner="Eve")
+        cpu_seconds, size = usage.made(connection, owner="Eve")
     assert cpu_seconds == pytest.approx(sum(product.cpu_seconds for product in made))
     assert size == sum(product.bytes for product in made if product.state == "done")
     assert {product.state for product in made} == {"done", "parked"}
@@ -233,7 +233,7 @@ def test_deleting_a_run_makes_room_in_the_store_but_takes_back_no_cpu_time(pipel
 
     def made(*, ahead: float = -1e9) -> Cost:
         with reading(pipeline.context.engine) as connection:
-            return runs.made(connection, owner="Eve", since=database_time(connection) + ahead)
+            return usage.made(connection, owner="Eve", since=database_time(connection) + ahead)
 
     before = made()
     lifecycle.delete(pipeline.context, first)
@@ -243,7 +243,7 @@ def test_deleting_a_run_makes_room_in_the_store_but_takes_back_no_cpu_time(pipel
     assert made().cpu_seconds == pytest.approx(before.cpu_seconds)
     assert (made().bytes, made(ahead=1.0)) == (0, (0, 0))
     with reading(pipeline.context.engine) as connection:
-        assert runs.made(connection, owner="Ada") == (0, 0)
+        assert usage.made(connection, owner="Ada") == (0, 0)
 
 
 def test_what_counts_is_listed_for_its_holder_and_for_the_operator(pipelines: Make) -> None:
@@ -254,7 +254,7 @@ def test_what_counts_is_listed_for_its_holder_and_for_the_operator(pipelines: Ma
         eve = quotas.quotas_of(connection, pipeline.settings, "Eve", "radar")
         ada = quotas.quotas_of(connection, pipeline.settings, "Ada", "")
         everything = quotas.quotas_of(connection, pipeline.settings, None, "")
-        cpu_seconds = runs.made(connection, owner="Ada").cpu_seconds
+        cpu_seconds = usage.made(connection, owner="Ada").cpu_seconds
     assert [(each.holder, each.resource, each.used, each.limit) for each in eve] == [
         ("Eve", "variants", 12, 100),
         ("Eve", "cpu-hours", 0, 3),

@@ -86,11 +86,11 @@ class TestTheRegistry:
     def test_two_names_share_one_file(self, pipeline: Pipeline, tmp_path: Path) -> None:
         one, two = register(pipeline, tmp_path), register(pipeline, tmp_path, name="other")
         assert one.digest == two.digest
-        assert pipeline.context.store.usage(FUNCTIONS).objects == 1
+        assert len(list(pipeline.context.store.list(FUNCTIONS))) == 1
         registry.remove(pipeline.context, one.reference)
         assert registry.read_payload(pipeline.context, two.document)
         registry.remove(pipeline.context, two.reference)
-        assert pipeline.context.store.usage(FUNCTIONS).objects == 0
+        assert not list(pipeline.context.store.list(FUNCTIONS))
 
     def test_names_of_installed_functions_cannot_be_taken(self, pipeline: Pipeline, tmp_path: Path) -> None:
         for name in ("semantic-fpn-small", "blank"):
@@ -102,7 +102,7 @@ class TestTheRegistry:
         payload.write_bytes(payload.read_bytes() + b"\0")
         with pytest.raises(InvalidInput, match=r"payload\.sha256: not the file that the document names"):
             registry.register(pipeline.context, document, payload)
-        assert pipeline.context.store.usage(FUNCTIONS).objects == 0
+        assert not list(pipeline.context.store.list(FUNCTIONS))
 
     def test_an_unknown_name_comes_with_near_matches(self, pipeline: Pipeline, tmp_path: Path) -> None:
         register(pipeline, tmp_path, name="street-net")

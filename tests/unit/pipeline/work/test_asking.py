@@ -13,8 +13,9 @@ from sqlalchemy import event
 from tests.world.blank import SMALL, Pipeline
 from valerie.broker import Broker
 from valerie.db import processes
+from valerie.db.claiming import Job
 from valerie.db.engine import reading
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.errors import InvalidInput
 from valerie.pipeline.work.asking import ask_for_work
 from valerie.pipeline.work.stages import Maker

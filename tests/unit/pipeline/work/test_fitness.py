@@ -11,8 +11,9 @@ import pytest
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
 from valerie.db import processes, sweeping
+from valerie.db.claiming import Job
 from valerie.db.engine import writing
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.errors import MissingDependency, RenderingError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.fitness import Fitness

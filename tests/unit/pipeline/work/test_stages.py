@@ -10,8 +10,9 @@ from sqlalchemy import Connection, event
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
 from valerie.db import sweeping
+from valerie.db.claiming import Job
 from valerie.db.engine import writing
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.pipeline.work.stages import make_products, serve_queue
 from valerie.runs.products.states import ProductKind, Stage, stage_of
 

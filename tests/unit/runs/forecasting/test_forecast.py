@@ -6,7 +6,8 @@ import pytest
 
 from tests.world.boxes import traffic
 from valerie.runs.forecasting.costs import Cost, CostBasis, CostKey, CostTable
-from valerie.runs.forecasting.forecast import Plan, plan
+from valerie.runs.forecasting.forecast import plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.products.inputs import ProductInputs
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.states import ProductKind

@@ -27,6 +27,7 @@ from valerie.perception.importing.function_file import safetensors_bytes
 from valerie.perception.importing.network_weights import (
     differing_tensors,
     filled_network,
+    first_three,
     require_same_shapes,
     tensor_shapes,
 )
@@ -206,9 +207,8 @@ def _recognise(shapes: Shapes, field: str, preference: str | None) -> tuple[Layo
             nearest.append((len(problems), f"{layout.name}, {architecture}", problems))
         if fitting:
             return layout, fitting, count
-    number, name, problems = min(nearest, key=lambda each: each[0])
-    more = f"; and {number - 3} more" if number > 3 else ""
-    raise InvalidInput(f"no known layout; the nearest is {name}, but {'; '.join(problems[:3])}{more}", field=field)
+    _, name, problems = min(nearest, key=lambda each: each[0])
+    raise InvalidInput(f"no known layout; the nearest is {name}, but {first_three(problems)}", field=field)
 
 
 def _classifier(layout: Layout) -> str:

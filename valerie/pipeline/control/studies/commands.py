@@ -19,7 +19,7 @@ from valerie.pipeline.control.quotas import require_possible_batch
 from valerie.pipeline.control.studies.advancing import basis_digest, informed_pursuit, left, parent_of
 from valerie.pipeline.control.studies.resolving import resolve_document, resolve_row
 from valerie.pipeline.control.submit import new_id
-from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.forecasting.plan import Plan
 from valerie.runs.moments import moment_text
 from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import RunSpec

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from valerie.db.claiming import Job
 from valerie.db.measured import MeasuredPerson
-from valerie.db.products import Job
 from valerie.measures import Source, names_from
 from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.annotations.boxes import measure_boxes

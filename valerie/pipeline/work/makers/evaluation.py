@@ -6,8 +6,9 @@ import time
 
 from valerie.db import measured
 from valerie.db.archives import reading_run
+from valerie.db.claiming import Job
 from valerie.db.measured import FrameScore, MeasuredPerson, SeenPerson
-from valerie.db.products import Finished, Job
+from valerie.db.publishing import Finished
 from valerie.errors import InferenceError
 from valerie.metrics.scoring import score_frame
 from valerie.pipeline.base.context import Context

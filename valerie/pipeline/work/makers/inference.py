@@ -10,7 +10,8 @@ import psutil
 from numpy import uint8
 from numpy.typing import NDArray
 
-from valerie.db.products import EvaluationLink, Finished, Job
+from valerie.db.claiming import EvaluationLink, Job
+from valerie.db.publishing import Finished
 from valerie.errors import InferenceError, ValerieError
 from valerie.measures import Measures
 from valerie.perception.running.batches import require_size

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from typing import Final
 
 from valerie import plugins
+from valerie.db.claiming import Job
 from valerie.db.measured import MeasuredPerson, SeenPerson
-from valerie.db.products import Finished, Job, SharedStatics
+from valerie.db.publishing import Finished, SharedStatics
 from valerie.errors import RenderingError, TransientError
 from valerie.parameters.assignment import canonical_json
 from valerie.parameters.definitions import Value
