@@ -138,13 +138,13 @@ ivec2 nearest_cell(ivec2 s, float depth, int cell) {
     return best;
 }
 
-// Split-sum environment reflectance, fitted by Karis 2014, "Physically based shading on mobile".
+// Share of even light that GGX microfacets reflect (split sum, Karis 2013, "Real shading in Unreal Engine 4"), fitted to the
+// integral with Smith's height-correlated shadowing: within 17 % for a reflectance of 4 %. Rough surfaces reflect two to three
+// times as much at grazing angles as the usual fit for mobile devices says.
 vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
-    vec4 r = roughness * vec4(-1.0, -0.0275, -0.572, 0.022) + vec4(1.0, 0.0425, 1.04, -0.04);
-    float a = min(r.x * r.x, exp2(-9.28 * facing)) * r.x + r.y;
-    vec2 scale_bias = vec2(-1.04, 1.04) * a + r.zw;
-    // The fit is slightly negative for rough surfaces with almost no reflection.
-    return max(f0 * scale_bias.x + scale_bias.y, vec3(0.0));
+    float r = roughness, all = 1.0 - r * r * (0.707 - 0.523 * r + facing * (1.02 * r - 0.39));
+    float grazing = (0.985 + r * (1.104 * r - 2.045)) * pow(1.0 - min(facing, 1.0), 4.66 + r * (3.16 * r - 3.91));
+    return mix(vec3(grazing), vec3(all), f0);
 }
 
 float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
@@ -412,9 +412,10 @@ void main() {
 
     vec3 r = reflect(d, normal);
     // A rough lobe is nearer to the normal than the mirrored ray (Lagarde and de Rousiers 2014, "Moving Frostbite to physically
-    // based rendering").
-    float smoothness = 1.0 - roughness;
-    vec3 lobe = normalize(mix(normal, r, smoothness * (sqrt(smoothness) + roughness)));
+    // based rendering"), less so at grazing angles.
+    float smoothness = 1.0 - alpha;
+    float toward = smoothness * (sqrt(smoothness) + alpha) + 0.46 * alpha * alpha * (1.0 - facing);
+    vec3 lobe = normalize(mix(normal, r, toward));
     vec3 blurred = skylight(red, green, blue, zonal, lobe);
     vec3 above = sky(sample_is_sky ? d : vec3(r.xy, abs(r.z)));
     float rough = smoothstep(0.08, 0.55, roughness);
