@@ -9,7 +9,13 @@ Field = NDArray[np.float32]
 
 
 def band_noise(
-    shape: tuple[int, int], rng: np.random.Generator, *, longest: float, shortest: float = 2.0, slope: float = 1.0
+    shape: tuple[int, int],
+    rng: np.random.Generator,
+    *,
+    longest: float,
+    shortest: float = 2.0,
+    slope: float = 1.0,
+    tall: float = 1.0,
 ) -> Field:
     """Return periodic noise of zero mean and unit variance.
 
@@ -19,9 +25,10 @@ def band_noise(
         longest: wavelength in pixels above which there is no power.
         shortest: wavelength in pixels below which there is no power.
         slope: amplitude falls as frequency to the power −``slope`` (0 is white within the band, 1 is cloud-like).
+        tall: height of a pixel on the ground as a multiple of its width. Wavelengths are in widths.
     """
     spectrum = np.fft.rfft2(rng.standard_normal(shape, np.float32))
-    frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None])
+    frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None] / tall, np.fft.rfftfreq(shape[1])[None])
     band = (frequency >= 1.0 / longest) & (frequency <= 1.0 / shortest)
     gain = np.where(band, 1.0 / np.maximum(frequency, 1e-9) ** slope, 0.0)
     noise = np.fft.irfft2(spectrum * gain, s=shape)

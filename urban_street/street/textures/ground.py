@@ -53,6 +53,27 @@ class _Layer:
         return srgb8(self.color), roughness_map(self.roughness, self.metallic)
 
 
+def aggregate(shape: tuple[int, int], rng: np.random.Generator, texel: tuple[float, float]) -> Field:
+    """Return stones in bitumen, singly and in clumps of up to 0.6 m, as periodic noise of zero mean and unit variance.
+
+    Args:
+        shape: rows, columns.
+        rng: source of random numbers.
+        texel: size of a pixel in metres, across and down.
+    """
+    return band_noise(shape, rng, longest=0.6 / texel[0], slope=0.32, tall=texel[1] / texel[0])
+
+
+def _streaks(rng: np.random.Generator) -> Field:
+    """Return streaks along a road, (1024, 1024), of zero mean and unit variance, that end at the piece's ends."""
+    along = ((np.arange(_SIZE) + 0.5) / _SIZE).astype(np.float32)[:, None]
+    waves = np.stack([np.sin(np.pi * k * along) * np.sin(np.pi * along) for k in (1, 2, 3, 5)])
+    profiles = gaussian_filter(rng.standard_normal((len(waves), _SIZE), np.float32), (0.0, 4.0), mode="wrap")
+    mixed = np.tensordot(waves[..., 0].T, profiles, 1)
+    streaks: Field = (mixed / mixed.std()).astype(np.float32)
+    return streaks
+
+
 def asphalt(
     rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
 ) -> tuple[Image, Image]:
@@ -74,20 +95,22 @@ def asphalt(
     ends = smoothstep(0.0, 0.8, along) * smoothstep(
         0.0, 0.8, ROAD_TILE[1] - along
     )  # pieces must match, so the ends get no patch
+    streaks = _streaks(rng.spawn(1)[0])
     albedo = np.full(shape, 0.115, np.float32)
-    albedo *= 1.0 + 0.05 * band_noise(shape, rng, longest=700, shortest=40) * ends
-    grain = band_noise(shape, rng, longest=6, slope=0.0)
-    albedo *= 1.0 + 0.13 * grain + 0.05 * np.maximum(band_noise(shape, rng, longest=4, slope=0.0) - 1.2, 0.0) * 3.0
+    albedo *= 1.0 + 0.08 * band_noise(shape, rng, longest=500, shortest=40, tall=2.0) * ends
+    grain = aggregate(shape, rng, (width / _SIZE, ROAD_TILE[1] / _SIZE))
+    stones = band_noise(shape, rng, longest=4, slope=0.0)
+    albedo *= np.exp(0.26 * grain - 0.034) + 0.16 * np.maximum(stones - 1.2, 0.0)
     roughness = (_OLD + 0.025 * grain).astype(np.float32)
 
     middles = [0.5 * (a + b) for a, b in pairwise(lane)] or [0.5 * width]
     for middle in middles:  # tyres polish two bands; oil drips between them
         for offset in (-0.72, 0.72):
             track = np.exp(-(((across - middle - offset) / 0.28) ** 2))
-            albedo *= 1.0 - 0.13 * track
+            albedo *= 1.0 - (0.15 + 0.05 * streaks) * track
             roughness = toward(roughness, _POLISHED, 0.9 * track)
         oil = np.exp(-(((across - middle) / 0.22) ** 2))
-        albedo *= 1.0 - 0.10 * oil
+        albedo *= 1.0 - (0.13 + 0.05 * streaks) * oil
         roughness = toward(roughness, _OILY, 0.25 * oil)
     for centre in (0.5 * lane[0], 0.5 * (lane[-1] + width)) if lane else ():
         drips = smoothstep(0.6, 2.2, band_noise(shape, rng, longest=90, shortest=8)) * ends
@@ -104,7 +127,10 @@ def asphalt(
     albedo *= 1.0 - 0.35 * seam
     roughness = toward(roughness, _BITUMEN, seam)
 
-    color: Field = albedo[..., None] * np.array([1.0, 0.985, 0.955], np.float32)
+    color: Field = albedo[..., None] * (
+        np.array([1.0, 0.985, 0.955], np.float32)
+        + stones[..., None] * np.array([0.035, 0.0, -0.035], np.float32)  # stones are of warm and of cold greys
+    )
     road = _Layer(color, roughness, np.zeros(shape, np.float32))
     road = _gutters(road, rng, across, along, width)
     road = _ironwork(road, rng, across, along, width)
@@ -283,7 +309,7 @@ def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) 
     around = gaussian_filter(tone, 9.0, mode="wrap")
     groove = smoothstep(0.06, 0.30, (around - tone) / np.maximum(around, 0.05))
     paint = smoothstep(0.52, 0.62, tone)
-    height = 0.0006 * band_noise(shape, rng, longest=8, slope=0.3)
+    height = 0.0009 * band_noise(shape, rng, longest=12, slope=0.2, tall=2.0)
     height = height + 0.0015 * band_noise(shape, rng, longest=200, shortest=40) - 0.005 * groove + 0.002 * paint
     return normal_map(height.astype(np.float32), (width / _SIZE, ROAD_TILE[1] / _SIZE))
 
@@ -310,10 +336,10 @@ def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
 
     fine = band_noise(shape, rng, longest=5, slope=0.2)
     cloud = band_noise(shape, rng, longest=400, shortest=30)
-    slab_tone = (0.29 + 0.07 * hashed(number, int(rng.integers(2**31)))) * (1.0 + 0.05 * fine + 0.05 * cloud)
+    slab_tone = (0.29 + 0.07 * hashed(number, int(rng.integers(2**31)))) * (1.0 + 0.11 * fine + 0.05 * cloud)
     slab_head, sett_head = smoothstep(0.002, 0.010, slab_joint), smoothstep(0.002, 0.012, sett_joint)
     slab_tone = slab_tone * (0.4 + 0.6 * slab_head)
-    sett_tone = (0.15 + 0.14 * hashed(stone, int(rng.integers(2**31)))) * (1.0 + 0.06 * fine + 0.08 * cloud)
+    sett_tone = (0.15 + 0.14 * hashed(stone, int(rng.integers(2**31)))) * (1.0 + 0.12 * fine + 0.08 * cloud)
     sett_tone = sett_tone * (0.38 + 0.62 * sett_head)
     tone = np.where(slab, slab_tone, sett_tone)
     tone *= 1.0 - 0.35 * np.exp(-((across / 0.09) ** 2))  # damp and dirt at the foot of the wall

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from urban_street.street.noise import Field, band_noise, hashed, smoothstep, stretched_noise, toward
-from urban_street.street.textures.ground import Image
+from urban_street.street.textures.ground import Image, aggregate
 from urban_street.texels import normal_map, roughness_map, srgb8
 
 #: Size of a material's texture, metres across and along. Lanes have one pair of wheel tracks across.
@@ -37,9 +37,9 @@ def asphalt(rng: np.random.Generator, size: tuple[float, float], *, tracks: bool
     texel = (size[0] / _SIZE, size[1] / _SIZE)
     across = ((np.arange(_SIZE, dtype=np.float32) + 0.5) * texel[0])[None]
     cloud = band_noise(shape, rng, longest=700, shortest=60)
-    grain = band_noise(shape, rng, longest=max(3.0, 0.02 / texel[0]), slope=0.0)
+    grain = aggregate(shape, rng, texel)
     stones = smoothstep(1.5, 2.4, band_noise(shape, rng, longest=4, slope=0.0))
-    albedo: Field = 0.118 * (1.0 + 0.07 * cloud + 0.12 * grain + 0.45 * stones)
+    albedo: Field = 0.118 * (1.0 + 0.07 * cloud + 0.45 * stones) * np.exp(0.26 * grain - 0.034)
     roughness: Field = (0.90 + 0.03 * grain).astype(np.float32)
     if tracks:
         streaks = stretched_noise(shape, rng, rows=900, columns=30, slope=0.3)
@@ -82,7 +82,7 @@ def slabs(rng: np.random.Generator) -> tuple[Image, Image, Image]:
     fine = band_noise(shape, rng, longest=5, slope=0.2)
     cloud = band_noise(shape, rng, longest=500, shortest=30)
     spots = smoothstep(1.9, 2.3, band_noise(shape, rng, longest=24, shortest=8))
-    tone = (0.26 + 0.07 * hashed(number, int(rng.integers(2**31)))) * (1.0 + 0.06 * fine + 0.07 * cloud)
+    tone = (0.26 + 0.07 * hashed(number, int(rng.integers(2**31)))) * (1.0 + 0.10 * fine + 0.07 * cloud)
     tone = tone * (0.35 + 0.65 * head) * (1.0 - 0.35 * spots)
     height = 0.003 * smoothstep(0.0, 0.006, joint) + 0.0003 * fine
     rough = toward(np.full(shape, 0.95, np.float32), 0.84 + 0.03 * cloud, head)
@@ -135,5 +135,5 @@ def hatching(rng: np.random.Generator) -> Image:
     phase = (place[None] + place[:, None]) % 1.0
     wear = smoothstep(0.8, 1.9, band_noise(shape, rng, longest=60, shortest=3, slope=0.7))
     cover = (smoothstep(0.008, -0.008, np.abs(phase - 0.5) - 0.125) * (1.0 - 0.8 * wear))[..., None]
-    grain = 1.0 + 0.09 * band_noise(shape, rng, longest=5, slope=0.0)[..., None]
+    grain = np.exp(0.26 * aggregate(shape, rng, (4.0 / 512, 4.0 / 512)) - 0.034)[..., None]
     return srgb8((np.array([0.118, 0.116, 0.113]) * (1.0 - cover) + np.array([0.60, 0.59, 0.56]) * cover) * grain)
