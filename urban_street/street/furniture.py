@@ -23,6 +23,7 @@ from urban_street.solids.surfaces import (
 )
 from urban_street.street.plan import Placement
 from urban_street.street.textures.things import SIGN_CELLS
+from urban_street.street.trees import BUNCHES, on_bunches
 from valerie.scene.graph.model import Light
 from valerie.scene.graph.transforms import Pose
 
@@ -177,14 +178,14 @@ def foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng
     across = unit(np.cross(normal, along))
     tip = place + along * leaf + normal * 0.01
     corners = np.stack([place - across * 0.4 * leaf, place + across * 0.4 * leaf, tip], 1)
-    cells = (np.floor(rng.random((len(face), 2)) * [16.0, 12.0]) + 0.5) / 16.0
+    columns, rows = np.floor(rng.random((len(face), 2)) * [BUNCHES, 0.75 * BUNCHES]).T
     lean = unit(normal + 0.5 * along)
     bag.add(
         "leaves-0",
         Surface(
             corners.reshape(-1, 3),
             np.repeat(lean, 3, axis=0),
-            np.repeat(cells, 3, axis=0),
+            on_bunches(columns, rows)[:, [1, 2, 0]].reshape(-1, 2),
             np.arange(3 * len(face)).reshape(-1, 3),
         ),
     )

@@ -59,7 +59,8 @@ def make_textures(settings: StreetSettings) -> dict[str, Texture]:
     rng = next(streams)
     hues = [leaf_color(_LEAVES[pick], settings.season) for pick in rng.permutation(len(_LEAVES))[:3]]
     textures |= deferred_textures(
-        [f"leaves-{k}" for k in range(len(hues))], lambda: [things.leaves(rng, hue) for hue in hues]
+        [f"leaves-{k}" for k in range(len(hues))],
+        lambda: [sprays.bunches(species.SPECIES["lime"].leaf, hue, rng) for hue in hues],
     )
     return textures | _mixed(settings) | _surfacing(settings) | _rooms(settings)
 
@@ -127,7 +128,7 @@ def _mixed(settings: StreetSettings) -> dict[str, Texture]:
             color = autumn if settings.season == "autumn" else leaf_color(summer, settings.season)
             if settings.season == "spring" and kind == "cherry":
                 color = _BLOSSOM
-            images.append(things.leaves(rng, color))
+            images.append(sprays.bunches(species.SPECIES[kind].leaf, color, rng))
         return [*images, things.posters(rng)]
 
     names = [*(f"bark-{kind}" for kind in barks), *(f"leaves-{kind}" for kind in _SPECIES_LEAVES), "posters"]

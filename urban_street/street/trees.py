@@ -14,6 +14,10 @@ from urban_street.solids.surfaces import Bag, Floats, Surface, tubes, unit
 from urban_street.street.plan import Season
 
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+#: Bunches of leaves along each edge of their texture, darker rows first.
+BUNCHES = 8
+#: Corners of the triangle that a bunch fills, (right, down) in its cell: its tip, then its feet.
+_BUNCH = np.array([[0.5, 0.05], [0.05, 0.95], [0.95, 0.95]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,8 +245,13 @@ def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: floa
     return _bezier(start, control, targets, 4)
 
 
+def on_bunches(columns: Floats, rows: Floats) -> Floats:
+    """Return the (N, 3, 2) texture coordinates of triangles, tip first, that show the bunches in columns and rows, (N,)."""
+    return np.asarray((np.stack([columns, rows], -1)[:, None] + _BUNCH) / BUNCHES)
+
+
 def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) -> Surface:
-    """Build a pointed triangle per leaf. Normals lean outwards from the crown, so that it is shaded as a mass of leaves."""
+    """Build a pointed triangle per bunch of leaves. Normals lean outwards from the crown, so that it is shaded as a mass of leaves."""
     count = settings.leaves * len(clusters)
     spread = 0.27 * (230 / settings.clusters) ** (1 / 3)
     centre = np.repeat(clusters, settings.leaves, axis=0)
@@ -263,16 +272,15 @@ def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) 
     tilted = np.sum(face * facing, axis=1) < 0.0
     corners[tilted] = corners[tilted][:, ::-1]
     shading = unit(facing + 0.9 * outward + np.array([0.0, 0.0, 0.25]))
-    # Leaves inside the crown use the dark half of the palette.
+    # Leaves inside the crown show the dark half of the bunches.
     inside = np.linalg.norm(
         (place - middle) / np.array([settings.radius, settings.radius, 0.45 * settings.height]), axis=1
     )
-    column = np.floor(rng.uniform(0.0, 16.0, count))
-    row = np.floor(np.clip(inside * 11.0 + rng.uniform(0.0, 5.0, count), 0.0, 15.0))
-    uvs = (np.stack([column, row], -1) + 0.5) / 16.0
+    column = np.floor(rng.uniform(0.0, BUNCHES, count))
+    row = np.floor(np.clip(inside * 0.7 + rng.uniform(0.0, 0.3, count), 0.0, 0.999) * BUNCHES)
     return Surface(
         corners.reshape(-1, 3),
         np.repeat(shading, 3, axis=0),
-        np.repeat(uvs, 3, axis=0),
+        on_bunches(column, row).reshape(-1, 2),
         np.arange(3 * count).reshape(-1, 3),
     )

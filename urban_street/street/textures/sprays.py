@@ -1,4 +1,5 @@
-"""Cards of foliage: four flat sprays of leaves, or of bare twigs, with what lies between them cut out."""
+"""Cards of foliage: four flat sprays of leaves, or of bare twigs, with what lies between them cut out; and bunches of leaves for
+triangles."""
 
 from __future__ import annotations
 
@@ -10,8 +11,10 @@ from PIL import Image as Picture
 from PIL import ImageDraw
 from scipy.ndimage import gaussian_filter
 
+from urban_street.street.noise import hashed
 from urban_street.street.plan import Season
 from urban_street.street.species import Color, Leaf
+from urban_street.street.trees import BUNCHES
 from urban_street.texels import srgb8
 
 Image = NDArray[np.uint8]
@@ -19,6 +22,10 @@ Line = NDArray[np.floating]
 
 #: Cells along each edge of the image, and pixels along each edge of a cell.
 CELLS, CELL = 2, 256
+#: Pixels along each edge of a bunch.
+_BUNCH = 64
+#: Share of the leaves' light that comes from between them.
+_BETWEEN = 0.08
 #: Texels with less alpha are cut out.
 CUTOFF = 0.5
 #: Factor of the drawing's resolution.
@@ -43,6 +50,37 @@ def spray(leaf: Leaf, season: Season, rng: np.random.Generator) -> Image:
             row.append(drawing.pixels())
         rows.append(np.concatenate(row, axis=1))
     return _filled(np.concatenate(rows))
+
+
+def bunches(leaf: Leaf, hue: Color, rng: np.random.Generator) -> Image:
+    """Return 8 × 8 bunches of leaves around the linear colour ``hue``, darker rows first, (512, 512, 3) sRGB.
+
+    Crowns of triangles show one in each (`trees.on_bunches`). The mean colour of a bunch is that of a single leaf, so trees far away
+    look the same.
+    """
+    number = np.arange(BUNCHES)[:, None] * BUNCHES + np.arange(BUNCHES)
+    bright = (0.55 + 0.6 * hashed(number, int(rng.integers(2**31)))) * (0.6 + 0.6 * np.linspace(0.0, 1.0, BUNCHES))[:, None]
+    warm = 0.86 + 0.34 * hashed(number, int(rng.integers(2**31)))
+    palette = np.stack([hue[0] * bright * warm, hue[1] * bright, hue[2] * bright / warm], -1)
+    drawn = np.stack([_bunch(leaf, stream) for stream in rng.spawn(BUNCHES)])
+    image = drawn[(number + number // BUNCHES) % BUNCHES] * palette[:, :, None, None]
+    return srgb8(image.swapaxes(1, 2).reshape(BUNCHES * _BUNCH, BUNCHES * _BUNCH, 3))
+
+
+def _bunch(leaf: Leaf, rng: np.random.Generator) -> NDArray[np.floating]:
+    """Return one bunch, (64, 64, 3) linear, of mean 1 in the triangle, and 1 around it."""
+    drawing = _Drawing(_BUNCH * _FINE, rng)
+    for light, count in ((0.26, 4), (0.70, 5)):  # leaves in the shade of others lie behind them
+        for at in np.linspace(0.02, 0.62, count) + rng.normal(0.0, 0.02, count):
+            turn = rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 1.0) * (1.35 - at)
+            foot = np.array([rng.normal(0.0, 0.16 * (1.0 - at)), at])
+            _leaf(drawing, leaf, foot, turn, rng.uniform(0.36, 0.48), np.full(3, light))
+    fine = (drawing.pixels() / np.float32(255.0)) ** 2
+    texels = fine.reshape(_BUNCH, _FINE, _BUNCH, _FINE, 4).mean(axis=(1, 3))
+    color = texels[..., :3] + _BETWEEN * (1.0 - texels[..., 3:])
+    right, down = (np.arange(_BUNCH) + 0.5)[None] / _BUNCH, (np.arange(_BUNCH) + 0.5)[:, None] / _BUNCH
+    inside = (np.abs(right - 0.5) < 0.5 * down)[..., None]
+    return np.where(inside, color / color.mean(axis=(0, 1), where=inside), 1.0)
 
 
 class _Drawing:

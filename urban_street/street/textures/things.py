@@ -73,16 +73,6 @@ def posters(rng: np.random.Generator) -> Image:
     return srgb8(picture)
 
 
-def leaves(rng: np.random.Generator, hue: tuple[float, float, float]) -> Image:
-    """Return a palette of 16 × 16 greens around the linear colour ``hue``, darker rows first, (256, 256, 3) sRGB."""
-    cell = np.arange(256) // 16
-    number = cell[:, None] * 16 + cell[None]
-    bright = (0.55 + 0.6 * hashed(number, int(rng.integers(2**31)))) * (0.6 + 0.6 * cell[:, None] / 15.0)
-    warm = 0.75 + 0.6 * hashed(number, int(rng.integers(2**31)))
-    color = np.stack([hue[0] * bright * warm, hue[1] * bright, hue[2] * bright / warm], -1)
-    return srgb8(color)
-
-
 def _disc(x: NDArray[np.floating], y: NDArray[np.floating], radius: float) -> NDArray[np.floating]:
     return smoothstep(radius + 0.02, radius - 0.02, np.hypot(x, y))
 
