@@ -251,7 +251,7 @@ def on_bunches(columns: Floats, rows: Floats) -> Floats:
 
 
 def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) -> Surface:
-    """Build a pointed triangle per bunch of leaves. Normals lean outwards from the crown, so that it is shaded as a mass of leaves."""
+    """Build a pointed triangle per bunch of leaves. Normals lean outwards, so that a crown is shaded as a mass of leaves."""
     count = settings.leaves * len(clusters)
     spread = 0.27 * (230 / settings.clusters) ** (1 / 3)
     centre = np.repeat(clusters, settings.leaves, axis=0)

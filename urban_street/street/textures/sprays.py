@@ -1,5 +1,4 @@
-"""Cards of foliage: four flat sprays of leaves, or of bare twigs, with what lies between them cut out; and bunches of leaves for
-triangles."""
+"""Cards of foliage: four flat sprays of leaves, or of bare twigs, with what lies between them cut out. Bunches for triangles."""
 
 from __future__ import annotations
 
@@ -23,7 +22,7 @@ Line = NDArray[np.floating]
 #: Cells along each edge of the image, and pixels along each edge of a cell.
 CELLS, CELL = 2, 256
 #: Pixels along each edge of a bunch.
-_BUNCH = 64
+_BUNCH = 32
 #: Share of the leaves' light that comes from between them.
 _BETWEEN = 0.08
 #: Texels with less alpha are cut out.
@@ -53,13 +52,13 @@ def spray(leaf: Leaf, season: Season, rng: np.random.Generator) -> Image:
 
 
 def bunches(leaf: Leaf, hue: Color, rng: np.random.Generator) -> Image:
-    """Return 8 × 8 bunches of leaves around the linear colour ``hue``, darker rows first, (512, 512, 3) sRGB.
+    """Return 8 × 8 bunches of leaves around the linear colour ``hue``, darker rows first, (256, 256, 3) sRGB.
 
-    Crowns of triangles show one in each (`trees.on_bunches`). The mean colour of a bunch is that of a single leaf, so trees far away
-    look the same.
+    Each triangle of a crown shows one (`trees.on_bunches`). Its mean is one colour of the palette, which is all that distant
+    crowns show.
     """
     number = np.arange(BUNCHES)[:, None] * BUNCHES + np.arange(BUNCHES)
-    bright = (0.55 + 0.6 * hashed(number, int(rng.integers(2**31)))) * (0.6 + 0.6 * np.linspace(0.0, 1.0, BUNCHES))[:, None]
+    bright = (0.55 + 0.6 * hashed(number, int(rng.integers(2**31)))) * np.linspace(0.6, 1.2, BUNCHES)[:, None]
     warm = 0.86 + 0.34 * hashed(number, int(rng.integers(2**31)))
     palette = np.stack([hue[0] * bright * warm, hue[1] * bright, hue[2] * bright / warm], -1)
     drawn = np.stack([_bunch(leaf, stream) for stream in rng.spawn(BUNCHES)])
@@ -68,7 +67,7 @@ def bunches(leaf: Leaf, hue: Color, rng: np.random.Generator) -> Image:
 
 
 def _bunch(leaf: Leaf, rng: np.random.Generator) -> NDArray[np.floating]:
-    """Return one bunch, (64, 64, 3) linear, of mean 1 in the triangle, and 1 around it."""
+    """Return one bunch, (32, 32, 3) linear, of mean 1 in the triangle, and 1 around it."""
     drawing = _Drawing(_BUNCH * _FINE, rng)
     for light, count in ((0.26, 4), (0.70, 5)):  # leaves in the shade of others lie behind them
         for at in np.linspace(0.02, 0.62, count) + rng.normal(0.0, 0.02, count):

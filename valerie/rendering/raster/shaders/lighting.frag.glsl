@@ -139,12 +139,12 @@ ivec2 nearest_cell(ivec2 s, float depth, int cell) {
 }
 
 // Share of even light that GGX microfacets reflect (split sum, Karis 2013, "Real shading in Unreal Engine 4"), fitted to the
-// integral with Smith's height-correlated shadowing: within 17 % for a reflectance of 4 %. Rough surfaces reflect two to three
-// times as much at grazing angles as the usual fit for mobile devices says.
+// integral with Smith's height-correlated shadowing: within 17 % for a reflectance of 4 %. What has none at normal incidence has
+// none at grazing angles either.
 vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
     float r = roughness, all = 1.0 - r * r * (0.707 - 0.523 * r + facing * (1.02 * r - 0.39));
     float grazing = (0.985 + r * (1.104 * r - 2.045)) * pow(1.0 - min(facing, 1.0), 4.66 + r * (3.16 * r - 3.91));
-    return mix(vec3(grazing), vec3(all), f0);
+    return mix(min(50.0 * f0, 1.0) * grazing, vec3(all), f0);
 }
 
 float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
