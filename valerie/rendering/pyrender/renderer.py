@@ -53,7 +53,7 @@ class PyrenderRenderer:
     """
 
     name: ClassVar[str] = "pyrender"
-    revision: ClassVar[int] = 4
+    revision: ClassVar[int] = 5
 
     def __init__(self) -> None:
         self._library = _import_pyrender()
