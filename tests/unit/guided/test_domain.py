@@ -117,14 +117,14 @@ def test_the_operational_density_is_conditional_on_legal_variants() -> None:
     domain = Domain(
         DEFINITIONS,
         [Variation("x", Uniform()), Variation("lit", Choice(values=(False, True)))],
-        lambda values: "in a house" if values["scene.x"] > 5 else None,
+        lambda variants: ["in a house" if values["scene.x"] > 5 else None for values in variants],
     )
     points = domain.draw(np.random.default_rng(0), 2000)
     assert points.shape == (2000, 2)
     assert domain.legal(points).all()
     assert domain.legal(np.array([[0.74, 0.0], [0.76, 0.0]])).tolist() == [True, False]
     assert np.histogram(points[:, 0], 5, (0, 0.75))[0] == pytest.approx(400, abs=90)
-    nowhere = Domain(DEFINITIONS, [Variation("x", Uniform())], lambda _: "everywhere a house")
+    nowhere = Domain(DEFINITIONS, [Variation("x", Uniform())], lambda variants: ["everywhere a house"] * len(variants))
     with pytest.raises(InvalidInput, match="hardly any variant is legal"):
         nowhere.draw(np.random.default_rng(0), 10)
 

@@ -21,6 +21,9 @@ class CameraRules:
 
     Args:
         manifest: declares cameras and obstacles.
+
+    Attributes:
+        relevant: paths that matter: a variant that gives none of them is legal.
     """
 
     def __init__(self, manifest: Manifest) -> None:
@@ -33,11 +36,11 @@ class CameraRules:
             if all(path in manifest.by_path for path in paths)
         )
         groups = [camera.paths for camera in self._cameras] + [mover.paths for mover in self._movers]
-        self._relevant = frozenset[str]().union(*groups) if self._cameras else frozenset[str]()
+        self.relevant = frozenset[str]().union(*groups) if self._cameras else frozenset[str]()
 
     def reason(self, assignment: Mapping[str, Value]) -> str | None:
         """Return the reason why a camera's place is illegal (``camera-1 is inside car-101``); None if all places are legal."""
-        if self._relevant.isdisjoint(assignment):
+        if self.relevant.isdisjoint(assignment):
             return None
         moves = [not mover.paths.isdisjoint(assignment) for mover in self._movers]
         for camera in self._cameras:

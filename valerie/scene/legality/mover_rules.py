@@ -28,6 +28,9 @@ class MoverRules:
         manifest: declares extent, ground and ways.
         resting: the obstacles that no parameter moves or hides.
         movers: the other obstacles.
+
+    Attributes:
+        relevant: paths that matter: a variant that gives none of them is legal.
     """
 
     def __init__(self, manifest: Manifest, resting: Sequence[Footprint], movers: Sequence[Mover]) -> None:
@@ -35,7 +38,7 @@ class MoverRules:
         self._resting = Outlines(resting)
         self._ways = Outlines(manifest.ways)
         self._rules = tuple(_rule(manifest, mover, self._resting, self._ways) for mover in movers)
-        self._relevant = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
+        self.relevant = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
         own = [rule.own for rule in self._rules]
         self._together = frozenset(
             (i, j) for j, polygons in enumerate(own) for i, others in enumerate(own[:j]) if _overlap(polygons, others)
@@ -43,7 +46,7 @@ class MoverRules:
 
     def reason(self, assignment: Mapping[str, Value]) -> str | None:
         """Return the reason why a mover's place is illegal (``car-101 and bicycle-101 overlap``); None if all are legal."""
-        if self._relevant.isdisjoint(assignment):
+        if self.relevant.isdisjoint(assignment):
             return None
         bodies: list[tuple[int, bool, _Polygons]] = []
         for number, rule in enumerate(self._rules):
