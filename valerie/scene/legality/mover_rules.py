@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import shapely
 
 from valerie.parameters.definitions import Value
@@ -28,9 +29,6 @@ class MoverRules:
         manifest: declares extent, ground and ways.
         resting: the obstacles that no parameter moves or hides.
         movers: the other obstacles.
-
-    Attributes:
-        relevant: paths that matter: a variant that gives none of them is legal.
     """
 
     def __init__(self, manifest: Manifest, resting: Sequence[Footprint], movers: Sequence[Mover]) -> None:
@@ -38,28 +36,40 @@ class MoverRules:
         self._resting = Outlines(resting)
         self._ways = Outlines(manifest.ways)
         self._rules = tuple(_rule(manifest, mover, self._resting, self._ways) for mover in movers)
-        self.relevant = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
-        own = [rule.own for rule in self._rules]
-        self._together = frozenset(
-            (i, j) for j, polygons in enumerate(own) for i, others in enumerate(own[:j]) if _overlap(polygons, others)
-        )
+        own = [(number, polygon) for number, rule in enumerate(self._rules) for polygon in rule.own]
+        self._owners = np.array([number for number, _ in own], np.int64)
+        self._own = shapely.STRtree([polygon for _, polygon in own])
+        self._together = frozenset((number, other) for number, polygon in own for other in self._others(polygon))
 
-    def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Return the reason why a mover's place is illegal (``car-101 and bicycle-101 overlap``); None if all are legal."""
-        if self.relevant.isdisjoint(assignment):
-            return None
-        bodies: list[tuple[int, bool, _Polygons]] = []
-        for number, rule in enumerate(self._rules):
-            varied = not rule.mover.paths.isdisjoint(assignment)
-            judged = varied and rule.mover.has_place
-            polygons = rule.mover.polygons(assignment) if varied else rule.own
-            if judged and (reason := self._alone(rule, polygons, assignment)):
-                return reason
-            for other, too, others in bodies:
-                if (judged or too) and (other, number) not in self._together and _overlap(others, polygons):
-                    return f"{self._rules[other].mover.name} and {rule.mover.name} overlap"
-            bodies.append((number, judged, polygons))
-        return None
+    def reason(self, assignment: Mapping[str, Value], moved: Sequence[int]) -> str | None:
+        """Return the reason why a mover's place is illegal (``car-101 and bicycle-101 overlap``); None if all are legal.
+
+        Args:
+            assignment: path to value.
+            moved: indices of the movers of whose pose it gives a part, in order.
+        """
+        polygons = {number: self._rules[number].mover.polygons(assignment) for number in moved}
+        # By the last mover of each, so that the first reason does not depend on which movers are moved.
+        found: list[tuple[int, int, str]] = []
+        for number in moved:
+            rule = self._rules[number]
+            if not rule.mover.has_place:
+                continue
+            if reason := self._alone(rule, polygons[number], assignment):
+                found.append((number, -1, reason))
+                break
+            still = {other for polygon in polygons[number] for other in self._others(polygon)} - polygons.keys()
+            moving = {other for other in moved if other != number and _overlap(polygons[number], polygons[other])}
+            for other in still | moving:
+                if (number, other) not in self._together:
+                    first, last = sorted((number, other))
+                    names = (self._rules[index].mover.name for index in (first, last))
+                    found.append((last, first, " and ".join(names) + " overlap"))
+        return min(found)[2] if found else None
+
+    def _others(self, polygon: shapely.Polygon) -> list[int]:
+        """Return the indices of the movers whose default place a polygon overlaps."""
+        return self._owners[self._own.query(polygon, predicate="intersects")].tolist()
 
     def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
         """Return the reason why a mover's place is illegal regardless of other movers; None if it is legal."""

@@ -72,7 +72,7 @@ def _obstructed(standing: Sequence[_Circle], assignment: Mapping[str, Value], pr
     """Return the reason why persons cannot stand where they do, regardless of each other."""
     x0, y0, x1, y1 = prepared.manifest.extent
     moved = prepared.moved(assignment.keys())
-    settled, movers = _settled(prepared.manifest, moved), [prepared.movers[index] for index in sorted(moved)]
+    settled, movers = _settled(prepared.manifest, moved), [prepared.movers[index] for index in moved]
     for name, pose, x, y in standing:
         if not (x0 <= x <= x1 and y0 <= y <= y1):
             return f"{name} in the pose {pose} reaches out of the asset" if pose else f"{name} is outside the asset"
@@ -87,15 +87,16 @@ def _near(standing: Sequence[Sequence[_Circle]], prepared: _Prepared) -> list[bo
     x0, y0, x1, y1 = prepared.manifest.extent
     rows = np.repeat(np.arange(len(standing)), [len(circles) for circles in standing])
     x, y = np.array([circle[2:] for circles in standing for circle in circles]).reshape(-1, 2).T
-    free = (x0 <= x) & (x <= x1) & (y0 <= y) & (y <= y1) & ~_settled(prepared.manifest, frozenset()).near(x, y)
+    free = (x0 <= x) & (x <= x1) & (y0 <= y) & (y <= y1) & ~_settled(prepared.manifest, ()).near(x, y)
     return [bool(count) for count in np.bincount(rows[~free], minlength=len(standing))]
 
 
 def _reason_of_others(assignment: Mapping[str, Value], prepared: _Prepared) -> str | None:
     """Return the reason why movers, cameras or weather are impossible."""
+    moved = prepared.moved(assignment.keys())
     return (
-        prepared.mover_rules.reason(assignment)
-        or prepared.cameras.reason(assignment)
+        prepared.mover_rules.reason(assignment, moved)
+        or prepared.cameras.reason(assignment, moved)
         or weather_reason(assignment, prepared.manifest)
     )
 
@@ -164,9 +165,9 @@ class _Prepared:
     cameras: CameraRules
     others: frozenset[str]
 
-    def moved(self, given: Set[str]) -> frozenset[int]:
-        """Return the indices of the movers of whose pose a variant gives a part: one of these paths."""
-        return frozenset(self.owners[path] for path in self.owners.keys() & given)
+    def moved(self, given: Set[str]) -> tuple[int, ...]:
+        """Return the indices of the movers of whose pose a variant gives a part, one of these paths, in order."""
+        return tuple(sorted({self.owners[path] for path in self.owners.keys() & given}))
 
     def standing(self, assignment: Mapping[str, Value]) -> list[_Circle]:
         """Return the circles of the ground that all persons need, in their order."""
@@ -178,21 +179,22 @@ class _Prepared:
 def _prepare(manifest: Manifest) -> _Prepared:
     radius = manifest.person_radius_m
     resting, movers = sort_obstacles(manifest, radius)
-    rules, cameras = MoverRules(manifest, resting, movers), CameraRules(manifest)
+    owners = {path: index for index, mover in enumerate(movers) for path in mover.paths}
+    cameras = CameraRules(manifest)
     return _Prepared(
         manifest=manifest,
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
         resting=resting,
         movers=movers,
-        owners={path: index for index, mover in enumerate(movers) for path in mover.paths},
-        mover_rules=rules,
+        owners=owners,
+        mover_rules=MoverRules(manifest, resting, movers),
         cameras=cameras,
-        others=rules.relevant | cameras.relevant | WEATHER_PATHS,
+        others=cameras.paths | owners.keys() | WEATHER_PATHS,
     )
 
 
 @lru_cache(maxsize=32)
-def _settled(manifest: Manifest, moved: frozenset[int]) -> ObstacleMap:
+def _settled(manifest: Manifest, moved: tuple[int, ...]) -> ObstacleMap:
     """Return the map of everything but some movers, at its default place."""
     prepared = _prepare(manifest)
     others = (mover for index, mover in enumerate(prepared.movers) if index not in moved)
