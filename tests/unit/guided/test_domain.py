@@ -64,6 +64,15 @@ def test_values_become_the_point_that_has_these_values() -> None:
         np.testing.assert_allclose(back[continuous], point[continuous], atol=1e-7)
 
 
+def test_the_values_of_many_points_are_those_of_each() -> None:
+    everything = domain()
+    points = np.random.default_rng(1).random((50, everything.dimensions))
+    points[:2] = [[0.0], [1.0]]
+    variants = everything.variants(points)
+    assert variants == [everything.values(point) for point in points]
+    assert {type(value) for values in variants for value in values.values()} == {float, int, str, bool}
+
+
 def test_a_quantile_is_the_share_of_the_truncated_normal_distribution_below_the_value() -> None:
     everything = domain()
     values = everything.values(np.full(everything.dimensions, 0.5)) | {"scene.distance": 37.0, "scene.far": 75.0}

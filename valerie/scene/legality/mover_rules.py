@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import shapely
 
 from valerie.parameters.definitions import Value
@@ -37,7 +36,7 @@ class MoverRules:
         self._ways = Outlines(manifest.ways)
         self._rules = tuple(_rule(manifest, mover, self._resting, self._ways) for mover in movers)
         own = [(number, polygon) for number, rule in enumerate(self._rules) for polygon in rule.own]
-        self._owners = np.array([number for number, _ in own], np.int64)
+        self._owners = [number for number, _ in own]
         self._own = shapely.STRtree([polygon for _, polygon in own])
         self._together = frozenset((number, other) for number, polygon in own for other in self._others(polygon))
 
@@ -49,7 +48,7 @@ class MoverRules:
             moved: indices of the movers of whose pose it gives a part, in order.
         """
         polygons = {number: self._rules[number].mover.polygons(assignment) for number in moved}
-        # By the last mover of each, so that the first reason does not depend on which movers are moved.
+        # The last mover, the first one (-1: alone) and the reason: the least is the one that judging in order meets first.
         found: list[tuple[int, int, str]] = []
         for number in moved:
             rule = self._rules[number]
@@ -69,7 +68,7 @@ class MoverRules:
 
     def _others(self, polygon: shapely.Polygon) -> list[int]:
         """Return the indices of the movers whose default place a polygon overlaps."""
-        return self._owners[self._own.query(polygon, predicate="intersects")].tolist()
+        return [self._owners[index] for index in self._own.query(polygon, predicate="intersects").tolist()]
 
     def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
         """Return the reason why a mover's place is illegal regardless of other movers; None if it is legal."""
