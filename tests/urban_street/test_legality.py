@@ -1,13 +1,15 @@
 """Legal and illegal places in the street."""
 
+import re
+
 import numpy as np
 import pytest
 import shapely
 
 from tests.sampling import enough_to_show
-from valerie.parameters.definitions import Value
+from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 from valerie.scene.assets.asset import asset_manifest
-from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason, rejection_reasons
 
 
 def test_places_in_the_street_are_judged_by_the_distance_to_the_obstacles() -> None:
@@ -46,6 +48,45 @@ def test_the_places_of_the_streets_own_vehicles_are_legal(arguments: dict[str, V
     for path in ("car-101", "car-102", "car-103", "truck-102"):
         for kind in manifest.by_path[f"scene.{path}.kind"].choices:
             assert rejection_reason({**shown, f"scene.{path}.kind": kind}, manifest) is None
+
+
+def _drawn(definition: ParameterDefinition, rng: np.random.Generator) -> Value:
+    """Draw a value, mostly near that of the asset's author, since elsewhere most places are illegal."""
+    if definition.choices:
+        return definition.choices[rng.integers(len(definition.choices))]
+    if definition.type is ParameterType.BOOL:
+        return bool(rng.integers(2))
+    low, high = definition.minimum, definition.maximum
+    assert low is not None
+    assert high is not None
+    number = rng.normal(float(definition.default), 2.0) if rng.random() < 0.8 else rng.uniform(low, high)
+    return definition.check(min(max(number, low), high))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        r"person-\d+\.(pos\.[xy]|heading|pose|character)",
+        r"person-1\.pos\.[xy]|environment-1\.(rain|snowfall)",
+        r"(person-1|car-\d+|truck-\d+|bus-\d+)\.(pos\.[xy]|heading|kind|visible)",
+        r"camera-1\.pos\.[xyz]|car-\d+\.pos\.[xy]|building-\d+\.(pos\.[xy]|scale)",
+    ],
+)
+@pytest.mark.parametrize(
+    "name", ["urban-street", "street-crossing", "rural-road", "car-park", "bus-stop", "motorway-exit"]
+)
+def test_many_variants_at_once_are_judged_as_one_by_one(name: str, given: str) -> None:
+    manifest, _ = asset_manifest({"name": name, "season": "winter"} if "snowfall" in given else name)
+    paths = [path for path in manifest.by_path if re.fullmatch(rf"scene\.({given})", path)]
+    rng = np.random.default_rng(11)
+    few = rng.choice(paths, min(len(paths), 5), replace=False).tolist()
+    for chosen in (paths, few):
+        variants = [{path: _drawn(manifest.by_path[path], rng) for path in chosen} for _ in range(150)]
+        variants += [{path: value for path, value in v.items() if path != chosen[0]} for v in variants[:5]]
+        one_by_one = [rejection_reason(variant, manifest) for variant in variants]
+        assert rejection_reasons(variants, manifest) == one_by_one
+        assert rejection_reasons(variants[:3], manifest) == one_by_one[:3]
+        assert len(set(one_by_one)) > 2
 
 
 def test_a_car_that_drives_does_not_drive_through_one_that_is_parked() -> None:

@@ -43,17 +43,17 @@ class Cube:
 
     Args:
         dimensions: number of dimensions.
-        accepts: returns True if a point, (dimensions,), is legal; None: all are.
+        accepts: returns (n,) True where a point of (n, dimensions) is legal; None: all are.
     """
 
-    def __init__(self, dimensions: int, accepts: Callable[[UnitPoints], bool] | None = None) -> None:
+    def __init__(self, dimensions: int, accepts: Callable[[UnitPoints], ArrayLike] | None = None) -> None:
         self.dimensions, self._accepts = dimensions, accepts
 
     def legal(self, points: UnitPoints) -> NDArray[np.bool_]:
         """Return (n,) bool, True where a point of (n, dimensions) is legal."""
         if self._accepts is None:
             return np.ones(len(points), np.bool_)
-        return np.fromiter(map(self._accepts, points), np.bool_, len(points))
+        return np.asarray(self._accepts(points), np.bool_)
 
     def features(self, points: UnitPoints) -> NDArray[np.float64]:
         """Return coordinates, (n, k), for models of scores, in which similar values are close together."""
@@ -92,9 +92,9 @@ class Domain(Cube):
     Args:
         definitions: parameters of the asset.
         variations: the varied parameters by path or name, one for each dimension of the unit cube.
-        rejection: returns the reason why a variant with these values, by path, is rejected; None if it is legal. By
-            default all are legal. The operational density is conditional on legal variants, so illegal ones do not
-            count in a failure rate.
+        rejections: returns for each variant, of which it gets the values by path, the reason why it is rejected; None
+            if it is legal. By default all are legal. The operational density is conditional on legal variants, so
+            illegal ones do not count in a failure rate.
 
     Attributes:
         definitions: one for each dimension.
@@ -108,7 +108,7 @@ class Domain(Cube):
         self,
         definitions: Sequence[ParameterDefinition],
         variations: Sequence[Variation],
-        rejection: Callable[[dict[str, Value]], str | None] | None = None,
+        rejections: Callable[[Sequence[dict[str, Value]]], Sequence[str | None]] | None = None,
     ) -> None:
         by_name = {key: definition for definition in definitions for key in (definition.name, definition.path)}
         chosen: list[ParameterDefinition] = []
@@ -124,7 +124,8 @@ class Domain(Cube):
             raise InvalidInput("a domain needs a parameter", field="vary", limit=">= 1")
         self.definitions, self.variations = tuple(chosen), tuple(variations)
         super().__init__(
-            len(chosen), None if rejection is None else lambda point: rejection(self.values(point)) is None
+            len(chosen),
+            None if rejections is None else lambda points: [why is None for why in rejections(self.variants(points))],
         )
 
     @property
@@ -175,12 +176,16 @@ class Domain(Cube):
 
     def values(self, point: ArrayLike) -> dict[str, Value]:
         """Return the values at a point, (dimensions,) in [0, 1], by path."""
-        return {
-            definition.path: variation.distribution.quantile(min(max(u, 0.0), _BELOW_ONE), definition)
-            for definition, variation, u in zip(
-                self.definitions, self.variations, np.asarray(point, np.float64).tolist(), strict=True
-            )
-        }
+        return self.variants(np.asarray(point, np.float64)[None])[0]
+
+    def variants(self, points: UnitPoints) -> list[dict[str, Value]]:
+        """Return the `values` at each of the points, (n, dimensions)."""
+        columns = [
+            variation.distribution.quantiles(units, definition)
+            for definition, variation, units in zip(self.definitions, self.variations, _inside(points).T, strict=True)
+        ]
+        paths = [definition.path for definition in self.definitions]
+        return [dict(zip(paths, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def point(self, values: Mapping[str, Value]) -> UnitPoints:
         """Return the point, (dimensions,) in [0, 1), of values by path or name.
@@ -204,10 +209,8 @@ class Domain(Cube):
         for dimension, axis in enumerate(self.axes):
             if axis is not Axis.CONTINUOUS:
                 distribution, definition = self.variations[dimension].distribution, self.definitions[dimension]
-                points[:, dimension] = [
-                    distribution.unit(distribution.quantile(u, definition), definition)
-                    for u in points[:, dimension].tolist()
-                ]
+                values = distribution.quantiles(points[:, dimension], definition)
+                points[:, dimension] = [distribution.unit(value, definition) for value in values]
         return points
 
     def steps(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:

@@ -216,12 +216,15 @@ class SampledRows:
             for _ in range(start, stop):
                 yield self._constants.copy()
             return
+        paths = [path for path, _, _ in self._varied]
         for first in range(start, stop, _CHUNK):
-            for point in self._sampler.points(first, min(first + _CHUNK, stop)).tolist():
-                row = self._constants.copy()
-                for (path, distribution, definition), u in zip(self._varied, point, strict=True):
-                    row[path] = distribution.quantile(u, definition)
-                yield row
+            points = self._sampler.points(first, min(first + _CHUNK, stop))
+            columns = [
+                distribution.quantiles(units, definition)
+                for (_, distribution, definition), units in zip(self._varied, points.T, strict=True)
+            ]
+            for row in zip(*columns, strict=True):
+                yield {**self._constants, **dict(zip(paths, row, strict=True))}
 
 
 class PointRows:

@@ -399,7 +399,7 @@ def _joined(word: str, parts: Sequence[_Term | Sql]) -> Sql:
 
 
 def _unless_missing(apply: Callable[..., Any], *operands: Any) -> Any:
-    return None if any(operand is None for operand in operands) else apply(*operands)
+    return None if None in operands else apply(*operands)
 
 
 def _all(parts: Iterable[Any]) -> bool | None:

@@ -14,6 +14,8 @@ from decimal import ROUND_FLOOR, Decimal
 from functools import lru_cache
 from typing import Annotated, ClassVar, Final, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
 from valerie.document import Document
@@ -49,9 +51,15 @@ class _Distribution(Document):
 
     def quantile(self, u: float, definition: ParameterDefinition) -> Value:
         """Return the value at ``u`` in [0, 1). The values of a discrete distribution have equal weight."""
+        return self.quantiles(np.array([u]), definition)[0]
+
+    def quantiles(self, units: NDArray[np.float64], definition: ParameterDefinition) -> list[Value]:
+        """Return the `quantile` of each of ``units``, (n,)."""
         count = self.count(definition)
-        assert count is not None, "continuous distributions have their own quantile"
-        return self.value(min(int(u * count), count - 1), definition)
+        assert count is not None, "continuous distributions have their own quantiles"
+        chosen = [min(int(u * count), count - 1) for u in units.tolist()]
+        values = {k: self.value(k, definition) for k in set(chosen)}
+        return [values[k] for k in chosen]
 
     def unit(self, value: Value, definition: ParameterDefinition) -> float:
         """Return the number in [0, 1] whose quantile is ``value``: the middle of the share of a discrete value.
@@ -112,7 +120,7 @@ class Homogeneous(_Distribution):
 
     def value(self, k: int, definition: ParameterDefinition) -> Value:
         number = min(float(_decimal(self.minimum) + k * _decimal(self.step)), self.maximum)
-        return _typed(number, definition)
+        return _typed([number], definition)[0]
 
 
 class Gaussian(_Distribution):
@@ -173,15 +181,15 @@ class Gaussian(_Distribution):
         assert self.points is not None, "a grid of a continuous distribution has a count"
         return self.quantile((k + 0.5) / self.points, definition)
 
-    def quantile(self, u: float, definition: ParameterDefinition) -> Value:
+    def quantiles(self, units: NDArray[np.float64], definition: ParameterDefinition) -> list[Value]:
         from scipy.special import ndtri
 
         low, high = self._support(definition)
         sign, share_low, share_high = _truncation(self.mean, self.standard_deviation, low, high)
-        z = sign * float(ndtri(share_low + (u if sign > 0 else 1.0 - u) * (share_high - share_low)))
+        z = sign * ndtri(share_low + (units if sign > 0 else 1.0 - units) * (share_high - share_low))
         # 12 digits, since the libraries of two machines may differ in the last bits and assignments must not.
-        number = float(f"{self.mean + self.standard_deviation * z:.12g}")
-        return _typed(min(max(number, low), high), definition)
+        numbers = [float(f"{number:.12g}") for number in (self.mean + self.standard_deviation * z).tolist()]
+        return _typed(np.clip(numbers, low, high).tolist(), definition)
 
     def unit(self, value: Value, definition: ParameterDefinition) -> float:
         from scipy.special import ndtr
@@ -247,12 +255,12 @@ class Uniform(_Distribution):
         assert self.points is not None, "a grid of a continuous distribution has a count"
         return self.quantile((k + 0.5) / self.points, definition)
 
-    def quantile(self, u: float, definition: ParameterDefinition) -> Value:
+    def quantiles(self, units: NDArray[np.float64], definition: ParameterDefinition) -> list[Value]:
         low, high = self._ends(definition)
         if definition.type is ParameterType.INT:
             first, last = math.ceil(low), math.floor(high)
-            return min(first + int(u * (last - first + 1)), last)
-        return _typed(min(max(low + u * (high - low), low), high), definition)
+            return [min(first + int(u * (last - first + 1)), last) for u in units.tolist()]
+        return _typed(np.clip(low + units * (high - low), low, high).tolist(), definition)
 
     def unit(self, value: Value, definition: ParameterDefinition) -> float:
         low, high = self._ends(definition)
@@ -357,16 +365,16 @@ def _decimal(number: float) -> Decimal:
     return Decimal(repr(number))
 
 
-def _typed(number: float, definition: ParameterDefinition) -> Value:
+def _typed(numbers: list[float], definition: ParameterDefinition) -> list[Value]:
     if definition.type is ParameterType.ANGLE:
-        assert definition.minimum is not None, "an ANGLE has both bounds"
-        return wrap(number, definition.minimum)
+        start = definition.minimum
+        assert start is not None, "an ANGLE has both bounds"
+        return [wrap(number, start) for number in numbers]
     if definition.type is ParameterType.INT:
-        rounded = math.floor(number + 0.5)
         # The support of a Gaussian INT is half a unit wider than the range, and its upper end would round beyond the range.
-        high = rounded if definition.maximum is None else math.floor(definition.maximum)
-        return min(rounded, high)
-    return number + 0.0
+        high = math.inf if definition.maximum is None else math.floor(definition.maximum)
+        return [int(min(math.floor(number + 0.5), high)) for number in numbers]
+    return [number + 0.0 for number in numbers]
 
 
 @lru_cache(maxsize=4096)

@@ -12,7 +12,6 @@ from valerie.errors import InvalidInput
 from valerie.guided.domain import Domain
 from valerie.measures import TableRow
 from valerie.parameters.blocks import Variation
-from valerie.parameters.definitions import Value
 from valerie.parameters.samplers import UnitPoints
 from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.resolving.spec import ResolvedRun
@@ -70,11 +69,10 @@ class ResolvedStudy:
             seed: seed of this run.
             level: 0 for the render engine of the study, 1 for the costly one of its goal.
         """
-        values: list[dict[str, Value]] = [self.domain.values(point) for point in points]
         return self.document.spec.model_copy(
             update={
                 "name": f"{self.document.name}, batch {number + 1}",
-                "blocks": (BlockDocument(design="points", points=tuple(values)),),
+                "blocks": (BlockDocument(design="points", points=tuple(self.domain.variants(points))),),
                 "seed": seed,
                 "parent_run": parent,
                 "iteration": number,
@@ -128,7 +126,9 @@ def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
     block = run.space.blocks[0]
     variations = [Variation(run.space.names[v.path].path, v.distribution) for v in block.variations]
     constants = run.space.constants[0]
-    domain = Domain(run.definitions, variations, lambda values: run.rejection({**constants, **values}))
+    domain = Domain(
+        run.definitions, variations, lambda variants: run.rejections([{**constants, **values} for values in variants])
+    )
     where = None
     if document.where:
         where = compile_where(document.where, run.definitions, choices=choices_of(run.spec, run.cameras))

@@ -64,6 +64,15 @@ def test_values_become_the_point_that_has_these_values() -> None:
         np.testing.assert_allclose(back[continuous], point[continuous], atol=1e-7)
 
 
+def test_the_values_of_many_points_are_those_of_each() -> None:
+    everything = domain()
+    points = np.random.default_rng(1).random((50, everything.dimensions))
+    points[:2] = [[0.0], [1.0]]
+    variants = everything.variants(points)
+    assert variants == [everything.values(point) for point in points]
+    assert {type(value) for values in variants for value in values.values()} == {float, int, str, bool}
+
+
 def test_a_quantile_is_the_share_of_the_truncated_normal_distribution_below_the_value() -> None:
     everything = domain()
     values = everything.values(np.full(everything.dimensions, 0.5)) | {"scene.distance": 37.0, "scene.far": 75.0}
@@ -117,14 +126,14 @@ def test_the_operational_density_is_conditional_on_legal_variants() -> None:
     domain = Domain(
         DEFINITIONS,
         [Variation("x", Uniform()), Variation("lit", Choice(values=(False, True)))],
-        lambda values: "in a house" if values["scene.x"] > 5 else None,
+        lambda variants: ["in a house" if values["scene.x"] > 5 else None for values in variants],
     )
     points = domain.draw(np.random.default_rng(0), 2000)
     assert points.shape == (2000, 2)
     assert domain.legal(points).all()
     assert domain.legal(np.array([[0.74, 0.0], [0.76, 0.0]])).tolist() == [True, False]
     assert np.histogram(points[:, 0], 5, (0, 0.75))[0] == pytest.approx(400, abs=90)
-    nowhere = Domain(DEFINITIONS, [Variation("x", Uniform())], lambda _: "everywhere a house")
+    nowhere = Domain(DEFINITIONS, [Variation("x", Uniform())], lambda variants: ["everywhere a house"] * len(variants))
     with pytest.raises(InvalidInput, match="hardly any variant is legal"):
         nowhere.draw(np.random.default_rng(0), 10)
 

@@ -106,7 +106,7 @@ def test_covariates_join_the_failures_of_a_bent_mode() -> None:
 
 
 def test_only_legal_points_are_asked_for_and_covariates_may_help() -> None:
-    cube = Cube(3, lambda point: bool(point[0] < 0.5))
+    cube = Cube(3, lambda points: points[:, 0] < 0.5)
     strategy = Find(cube, at_least=0.5, seed=0, covariates=lambda points: points[:, :1] + points[:, 1:2])
     for _ in range(6):
         points = strategy.ask(64).points

@@ -83,9 +83,9 @@ def test_undefined_scores_are_a_region_of_their_own() -> None:
 def test_legality_is_tried_on_few_more_points_than_are_asked_for() -> None:
     tried: list[Points] = []
 
-    def legal(point: Points) -> bool:
-        tried.append(point)
-        return bool(point[0] < 0.5)
+    def legal(points: Points) -> Points:
+        tried.extend(points)
+        return points[:, 0] < 0.5
 
     strategy = Map(Cube(3, legal), at_least=0.5, seed=0)
     for _ in range(3):
@@ -96,7 +96,7 @@ def test_legality_is_tried_on_few_more_points_than_are_asked_for() -> None:
 
 
 def test_where_hardly_any_variant_is_legal_batches_are_whole_and_legal() -> None:
-    cube = Cube(3, lambda point: bool(point[0] < 0.01))
+    cube = Cube(3, lambda points: points[:, 0] < 0.01)
     strategy = Map(cube, at_least=0.5, seed=0)
     for _ in range(3):
         points = strategy.ask(64).points
@@ -106,7 +106,7 @@ def test_where_hardly_any_variant_is_legal_batches_are_whole_and_legal() -> None
 
 
 def test_only_legal_points_are_asked_for_and_a_bound_out_of_range_is_refused() -> None:
-    cube = Cube(2, lambda point: bool(point[0] < 0.5))
+    cube = Cube(2, lambda points: points[:, 0] < 0.5)
     strategy = Map(cube, at_least=0.5, seed=0)
     for _ in range(4):
         points = strategy.ask(32).points

@@ -191,7 +191,7 @@ def test_a_parameter_whose_jumps_have_no_score_is_unknown_and_not_negligible() -
 
 
 def test_a_domain_in_which_most_blocks_are_illegal_ends_the_ranking_before_the_budget_is_spent() -> None:
-    strategy = Rank(Cube(3, lambda point: bool(point.sum() < 1.5)), seed=0)
+    strategy = Rank(Cube(3, lambda points: points.sum(axis=1) < 1.5), seed=0)
     spent = pursue(strategy, lambda points: points[:, 0], budget=2000, batch=50)
     assert spent == 40
     reason = strategy.ask(50).reason

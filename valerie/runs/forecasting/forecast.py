@@ -212,8 +212,8 @@ def _survey(resolved: ResolvedRun, pins: Pins, tenant: str, extent: _Extent) -> 
     camera_paths = [
         [d.path for d in resolved.definitions if d.path.startswith(f"scene.{camera}.")] for camera in resolved.cameras
     ]
-    for values in _variants(resolved, extent.variants):
-        reason = resolved.rejection(values, extent.moments)
+    variants = list(_variants(resolved, extent.variants))
+    for values, reason in zip(variants, resolved.rejections(variants, extent.moments), strict=True):
         if reason is not None:
             survey.rejected[reason] += 1
             continue

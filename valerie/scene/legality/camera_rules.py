@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,6 +21,9 @@ class CameraRules:
 
     Args:
         manifest: declares cameras and obstacles.
+
+    Attributes:
+        paths: paths of the cameras' coordinates.
     """
 
     def __init__(self, manifest: Manifest) -> None:
@@ -32,23 +35,26 @@ class CameraRules:
             for name, paths in places.items()
             if all(path in manifest.by_path for path in paths)
         )
-        groups = [camera.paths for camera in self._cameras] + [mover.paths for mover in self._movers]
-        self._relevant = frozenset[str]().union(*groups) if self._cameras else frozenset[str]()
+        self.paths = frozenset[str]().union(*(camera.paths for camera in self._cameras))
 
-    def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Return the reason why a camera's place is illegal (``camera-1 is inside car-101``); None if all places are legal."""
-        if self._relevant.isdisjoint(assignment):
-            return None
-        moves = [not mover.paths.isdisjoint(assignment) for mover in self._movers]
+    def reason(self, assignment: Mapping[str, Value], moved: Sequence[int]) -> str | None:
+        """Return the reason why a camera's place is illegal (``camera-1 is inside car-101``); None if all places are legal.
+
+        Args:
+            assignment: path to value.
+            moved: indices of the movers of whose pose it gives a part, in order.
+        """
         for camera in self._cameras:
             varied = not camera.paths.isdisjoint(assignment)
+            if not (varied or moved):
+                continue
             x, y, z = (float(assignment.get(path, default)) for path, default in camera.place.items())
             if varied and (obstacle := self._resting.at(x, y, z)):
                 return f"{camera.name} is {obstacle.text}"
-            for number, mover in enumerate(self._movers):
-                if not (varied or moves[number]) or number in camera.within:
+            for number in range(len(self._movers)) if varied else moved:
+                if number in camera.within:
                     continue
-                if footprint := mover.holds(x, y, assignment, z):
+                if footprint := self._movers[number].holds(x, y, assignment, z):
                     return f"{camera.name} is {footprint.text}"
         return None
 

@@ -35,28 +35,40 @@ class MoverRules:
         self._resting = Outlines(resting)
         self._ways = Outlines(manifest.ways)
         self._rules = tuple(_rule(manifest, mover, self._resting, self._ways) for mover in movers)
-        self._relevant = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
-        own = [rule.own for rule in self._rules]
-        self._together = frozenset(
-            (i, j) for j, polygons in enumerate(own) for i, others in enumerate(own[:j]) if _overlap(polygons, others)
-        )
+        own = [(number, polygon) for number, rule in enumerate(self._rules) for polygon in rule.own]
+        self._owners = [number for number, _ in own]
+        self._own = shapely.STRtree([polygon for _, polygon in own])
+        self._together = frozenset((number, other) for number, polygon in own for other in self._others(polygon))
 
-    def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Return the reason why a mover's place is illegal (``car-101 and bicycle-101 overlap``); None if all are legal."""
-        if self._relevant.isdisjoint(assignment):
-            return None
-        bodies: list[tuple[int, bool, _Polygons]] = []
-        for number, rule in enumerate(self._rules):
-            varied = not rule.mover.paths.isdisjoint(assignment)
-            judged = varied and rule.mover.has_place
-            polygons = rule.mover.polygons(assignment) if varied else rule.own
-            if judged and (reason := self._alone(rule, polygons, assignment)):
-                return reason
-            for other, too, others in bodies:
-                if (judged or too) and (other, number) not in self._together and _overlap(others, polygons):
-                    return f"{self._rules[other].mover.name} and {rule.mover.name} overlap"
-            bodies.append((number, judged, polygons))
-        return None
+    def reason(self, assignment: Mapping[str, Value], moved: Sequence[int]) -> str | None:
+        """Return the reason why a mover's place is illegal (``car-101 and bicycle-101 overlap``); None if all are legal.
+
+        Args:
+            assignment: path to value.
+            moved: indices of the movers of whose pose it gives a part, in order.
+        """
+        polygons = {number: self._rules[number].mover.polygons(assignment) for number in moved}
+        # The last mover, the first one (-1: alone) and the reason: the least is the one that judging in order meets first.
+        found: list[tuple[int, int, str]] = []
+        for number in moved:
+            rule = self._rules[number]
+            if not rule.mover.has_place:
+                continue
+            if reason := self._alone(rule, polygons[number], assignment):
+                found.append((number, -1, reason))
+                break
+            still = {other for polygon in polygons[number] for other in self._others(polygon)} - polygons.keys()
+            moving = {other for other in moved if other != number and _overlap(polygons[number], polygons[other])}
+            for other in still | moving:
+                if (number, other) not in self._together:
+                    first, last = sorted((number, other))
+                    names = (self._rules[index].mover.name for index in (first, last))
+                    found.append((last, first, " and ".join(names) + " overlap"))
+        return min(found)[2] if found else None
+
+    def _others(self, polygon: shapely.Polygon) -> list[int]:
+        """Return the indices of the movers whose default place a polygon overlaps."""
+        return [self._owners[index] for index in self._own.query(polygon, predicate="intersects").tolist()]
 
     def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
         """Return the reason why a mover's place is illegal regardless of other movers; None if it is legal."""

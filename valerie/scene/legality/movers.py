@@ -126,7 +126,7 @@ class Mover:
         turn = self._size(assignment) * np.array([[cos, sin], [-sin, cos]])
         place = np.array([float(self._value(name, assignment)) for name in _PLACE])
         return tuple(
-            shapely.Polygon((outline.standing if standing else outline.corners) @ turn + place) for outline in outlines
+            shapely.polygons((outline.standing if standing else outline.corners) @ turn + place) for outline in outlines
         )
 
     def _turn(self, assignment: Mapping[str, Value]) -> tuple[float, float]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence, Set
 from typing import Final
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from valerie.scene.assets.manifest import Footprint
 
@@ -23,10 +25,13 @@ class ObstacleMap:
 
     def __init__(self, obstacles: Iterable[Footprint], radius: float) -> None:
         self._cells: dict[tuple[int, int], list[tuple[shapely.Polygon, Footprint]]] = {}
+        polygons: list[shapely.Polygon] = []
         for obstacle in obstacles:
             polygon = widened(obstacle, radius)
+            polygons.append(polygon)
             for cell in _cells_of(polygon):
                 self._cells.setdefault(cell, []).append((polygon, obstacle))
+        self._tree = shapely.STRtree(polygons)
 
     def at(self, x: float, y: float, z: float = 0.0) -> Footprint | None:
         """Return the first obstacle whose widened footprint contains (x, y) and that reaches above z, metres."""
@@ -34,6 +39,12 @@ class ObstacleMap:
             if (obstacle.height_m is None or z < obstacle.height_m) and shapely.contains_xy(polygon, x, y):
                 return obstacle
         return None
+
+    def near(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (n,) True where a widened footprint contains or touches a point (x, y), metres, whatever its height."""
+        touched = np.zeros(len(x), np.bool_)
+        touched[self._tree.query(shapely.points(x, y), predicate="intersects")[0]] = True
+        return touched
 
 
 class Outlines:

@@ -7,20 +7,26 @@ cameras by `valerie.scene.legality.camera_rules`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Final
+
+import numpy as np
 
 from valerie.parameters.definitions import Value
 from valerie.scene.assets.attributes import ABSENT
-from valerie.scene.assets.manifest import Footprint, Manifest
+from valerie.scene.assets.manifest import Footprint, Manifest, Point
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.graph.transforms import cos_sin
 from valerie.scene.legality.camera_rules import CameraRules
 from valerie.scene.legality.mover_rules import MoverRules
 from valerie.scene.legality.movers import Mover, sort_obstacles
 from valerie.scene.legality.obstacles import ObstacleMap
-from valerie.scene.legality.weather_rules import weather_reason
+from valerie.scene.legality.weather_rules import WEATHER_PATHS, weather_reason
+
+#: Arrays cost more than they save for up to this many variants.
+_FEW: Final = 8
 
 
 def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
@@ -36,52 +42,75 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
         manifest: declares persons, obstacles and cameras.
     """
     prepared = _prepare(manifest)
-    x0, y0, x1, y1 = manifest.extent
-    moved = prepared.moved(assignment)
-    settled, movers = _settled(manifest, moved), [prepared.movers[index] for index in sorted(moved)]
-    standing: list[tuple[str, float, float]] = []
-    for person in prepared.persons:
-        get = assignment.get
-        if (
-            get(person.character, person.default_character) == ABSENT
-            or get(person.visible, person.default_visible) is False
-        ):
-            continue
-        x, y = float(get(person.x, person.default_x)), float(get(person.y, person.default_y))
+    standing = prepared.standing(assignment)
+    return (
+        _obstructed(standing, assignment, prepared)
+        or _overlap(standing, 2.0 * manifest.person_radius_m)
+        or _reason_of_others(assignment, prepared)
+    )
+
+
+def rejection_reasons(assignments: Sequence[Mapping[str, Value]], manifest: Manifest) -> list[str | None]:
+    """Return the `rejection_reason` of each variant, in a fraction of the time: most stand far from any obstacle."""
+    prepared, distance = _prepare(manifest), 2.0 * manifest.person_radius_m
+    standing = [prepared.standing(assignment) for assignment in assignments]
+    given = frozenset[str]().union(*assignments)
+    one_by_one = len(assignments) <= _FEW or prepared.moved(given)
+    near = [True] * len(assignments) if one_by_one else _near(standing, prepared)
+    # What no variant gives is the same in all of them.
+    fixed = prepared.others.isdisjoint(given)
+    of_others = _reason_of_others({}, prepared) if fixed else None
+    return [
+        (is_near and _obstructed(circles, assignment, prepared))
+        or _overlap(circles, distance)
+        or (of_others if fixed else _reason_of_others(assignment, prepared))
+        for circles, assignment, is_near in zip(standing, assignments, near, strict=True)
+    ]
+
+
+def _obstructed(standing: Sequence[_Circle], assignment: Mapping[str, Value], prepared: _Prepared) -> str | None:
+    """Return the reason why persons cannot stand where they do, regardless of each other."""
+    x0, y0, x1, y1 = prepared.manifest.extent
+    moved = prepared.moved(assignment.keys())
+    settled, movers = _settled(prepared.manifest, moved), [prepared.movers[index] for index in moved]
+    for name, pose, x, y in standing:
         if not (x0 <= x <= x1 and y0 <= y <= y1):
-            return f"{person.name} is outside the asset"
+            return f"{name} in the pose {pose} reaches out of the asset" if pose else f"{name} is outside the asset"
         held = (footprint for mover in movers if (footprint := mover.holds(x, y, assignment)))
         if footprint := settled.at(x, y) or next(held, None):
-            return f"{person.name} stands {footprint.text}"
-        standing.append((person.name, x, y))
-        pose = str(get(person.pose, person.default_pose))
-        for there in _reached(manifest, pose, x, y, float(get(person.heading, person.default_heading))):
-            if not (x0 <= there[0] <= x1 and y0 <= there[1] <= y1):
-                return f"{person.name} in the pose {pose} reaches out of the asset"
-            held = (footprint for mover in movers if (footprint := mover.holds(*there, assignment)))
-            if footprint := settled.at(*there) or next(held, None):
-                return f"{person.name} in the pose {pose} reaches {footprint.text}"
-            standing.append((person.name, *there))
-    if len(standing) > 1 and (overlap := _overlap(standing, 2.0 * manifest.person_radius_m)):
-        return overlap
-    if reason := prepared.mover_rules.reason(assignment) or prepared.cameras.reason(assignment):
-        return reason
-    return weather_reason(assignment, manifest)
+            return f"{name} in the pose {pose} reaches {footprint.text}" if pose else f"{name} stands {footprint.text}"
+    return None
 
 
-def _reached(manifest: Manifest, pose: str, x: float, y: float, heading: float) -> Iterator[tuple[float, float]]:
-    """Yield the world's places of the further circles that a pose takes of the ground."""
-    cos, sin = cos_sin(heading)
-    for across, ahead in manifest.reaches.get(pose, ()):
-        yield x + cos * across - sin * ahead, y + sin * across + cos * ahead
+def _near(standing: Sequence[Sequence[_Circle]], prepared: _Prepared) -> list[bool]:
+    """Return False for variants in which `_obstructed` finds nothing, if no mover is moved."""
+    x0, y0, x1, y1 = prepared.manifest.extent
+    rows = np.repeat(np.arange(len(standing)), [len(circles) for circles in standing])
+    x, y = np.array([circle[2:] for circles in standing for circle in circles]).reshape(-1, 2).T
+    free = (x0 <= x) & (x <= x1) & (y0 <= y) & (y <= y1) & ~_settled(prepared.manifest, ()).near(x, y)
+    return [bool(count) for count in np.bincount(rows[~free], minlength=len(standing))]
 
 
-def _overlap(standing: list[tuple[str, float, float]], distance: float) -> str | None:
-    for index, (name, x, y) in enumerate(standing):
-        for other, other_x, other_y in standing[:index]:
+def _reason_of_others(assignment: Mapping[str, Value], prepared: _Prepared) -> str | None:
+    """Return the reason why movers, cameras or weather are impossible."""
+    moved = prepared.moved(assignment.keys())
+    return (
+        prepared.mover_rules.reason(assignment, moved)
+        or prepared.cameras.reason(assignment, moved)
+        or weather_reason(assignment, prepared.manifest)
+    )
+
+
+def _overlap(standing: Sequence[_Circle], distance: float) -> str | None:
+    for index, (name, _, x, y) in enumerate(standing):
+        for other, _, other_x, other_y in standing[:index]:
             if name != other and (x - other_x) ** 2 + (y - other_y) ** 2 < distance * distance:
                 return f"{other} and {name} overlap"
     return None
+
+
+#: A circle of the ground that a person needs: name, pose (empty for the person's own circle), and the middle's x and y, metres.
+_Circle = tuple[str, str, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +131,19 @@ class _Person:
     default_pose: Value
     default_heading: float
 
+    def circles(self, assignment: Mapping[str, Value], reaches: Mapping[str, Sequence[Point]]) -> Iterator[_Circle]:
+        """Yield the circles of the ground that it needs, its own first; none if it is absent or hidden."""
+        get = assignment.get
+        if get(self.character, self.default_character) == ABSENT or get(self.visible, self.default_visible) is False:
+            return
+        x, y = float(get(self.x, self.default_x)), float(get(self.y, self.default_y))
+        yield self.name, "", x, y
+        pose = str(get(self.pose, self.default_pose))
+        if further := reaches.get(pose):
+            cos, sin = cos_sin(float(get(self.heading, self.default_heading)))
+            for across, ahead in further:
+                yield self.name, pose, x + cos * across - sin * ahead, y + sin * across + cos * ahead
+
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
@@ -111,36 +153,48 @@ class _Prepared:
         resting: the obstacles at rest.
         movers: all others.
         owners: path of each pose parameter of a mover to the index of the mover.
+        others: paths of all parameters that `_reason_of_others` reads.
     """
 
+    manifest: Manifest
     persons: tuple[_Person, ...]
     resting: tuple[Footprint, ...]
     movers: tuple[Mover, ...]
     owners: Mapping[str, int]
     mover_rules: MoverRules
     cameras: CameraRules
+    others: frozenset[str]
 
-    def moved(self, assignment: Mapping[str, Value]) -> frozenset[int]:
-        """Return the indices of the movers of whose pose a variant gives a part."""
-        return frozenset(self.owners[path] for path in self.owners.keys() & assignment.keys())
+    def moved(self, given: Set[str]) -> tuple[int, ...]:
+        """Return the indices of the movers of whose pose a variant gives a part, one of these paths, in order."""
+        return tuple(sorted({self.owners[path] for path in self.owners.keys() & given}))
+
+    def standing(self, assignment: Mapping[str, Value]) -> list[_Circle]:
+        """Return the circles of the ground that all persons need, in their order."""
+        reaches = self.manifest.reaches
+        return [circle for person in self.persons for circle in person.circles(assignment, reaches)]
 
 
 @lru_cache(maxsize=16)
 def _prepare(manifest: Manifest) -> _Prepared:
     radius = manifest.person_radius_m
     resting, movers = sort_obstacles(manifest, radius)
+    owners = {path: index for index, mover in enumerate(movers) for path in mover.paths}
+    cameras = CameraRules(manifest)
     return _Prepared(
+        manifest=manifest,
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
         resting=resting,
         movers=movers,
-        owners={path: index for index, mover in enumerate(movers) for path in mover.paths},
+        owners=owners,
         mover_rules=MoverRules(manifest, resting, movers),
-        cameras=CameraRules(manifest),
+        cameras=cameras,
+        others=cameras.paths | owners.keys() | WEATHER_PATHS,
     )
 
 
 @lru_cache(maxsize=32)
-def _settled(manifest: Manifest, moved: frozenset[int]) -> ObstacleMap:
+def _settled(manifest: Manifest, moved: tuple[int, ...]) -> ObstacleMap:
     """Return the map of everything but some movers, at its default place."""
     prepared = _prepare(manifest)
     others = (mover for index, mover in enumerate(prepared.movers) if index not in moved)

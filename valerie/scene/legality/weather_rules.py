@@ -12,8 +12,8 @@ from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH
 
-_RAIN: Final = f"{ENVIRONMENT_PATH}.rain"
-_SNOWFALL: Final = f"{ENVIRONMENT_PATH}.snowfall"
+#: Rain and snowfall.
+WEATHER_PATHS: Final = frozenset({f"{ENVIRONMENT_PATH}.rain", f"{ENVIRONMENT_PATH}.snowfall"})
 
 
 def weather_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
@@ -24,7 +24,7 @@ def weather_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str |
     Args:
         assignment: path to value; missing values take their defaults.
     """
-    if _SNOWFALL not in manifest.by_path or _RAIN not in manifest.by_path:
+    if not manifest.by_path.keys() >= WEATHER_PATHS:
         return None
-    rain, snowfall = (float(assignment.get(path, manifest.by_path[path].default)) for path in (_RAIN, _SNOWFALL))
-    return "rain and snow fall at once" if rain > 0 and snowfall > 0 else None
+    falling = (float(assignment.get(path, manifest.by_path[path].default)) > 0 for path in WEATHER_PATHS)
+    return "rain and snow fall at once" if all(falling) else None

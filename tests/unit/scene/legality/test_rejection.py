@@ -7,7 +7,7 @@ import shapely
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
 from valerie.scene.assets.manifest import Footprint, Manifest
-from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason, rejection_reasons
 from valerie.testing.assets import simple_manifest
 
 MANIFEST = simple_manifest()
@@ -68,12 +68,12 @@ def test_two_persons_in_one_place_overlap_unless_one_is_absent() -> None:
 def test_every_place_is_judged_by_its_distance_to_the_obstacles() -> None:
     polygons = [shapely.Polygon(obstacle.polygon) for obstacle in MANIFEST.obstacles]
     places = np.random.default_rng(3).uniform((-10, 0), (5, 22), (2000, 2))
-    for x, y in places:
+    reasons = rejection_reasons([at(*place) for place in places.tolist()], MANIFEST)
+    for (x, y), reason in zip(places, reasons, strict=True):
         distance = min(polygon.distance(shapely.Point(x, y)) for polygon in polygons)
         # Round corners have 64 sides, which pass up to r (1 − cos π/64) = 0.0012 r inside the circle.
         if abs(distance - MANIFEST.person_radius_m) > 0.0013 * MANIFEST.person_radius_m:
-            free = rejection_reason(at(float(x), float(y)), MANIFEST) is None
-            assert free == (distance > MANIFEST.person_radius_m), (x, y)
+            assert (reason is None) == (distance > MANIFEST.person_radius_m), (x, y)
 
 
 def test_a_camera_inside_a_building_is_rejected_but_not_one_above_a_low_obstacle() -> None:
