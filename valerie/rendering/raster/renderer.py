@@ -24,9 +24,8 @@ from valerie.rendering.raster.gl.tiles import TILE, Area, Mask, TileGrid, widene
 from valerie.rendering.raster.light.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, falling_light, tiles_of
 from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
-from valerie.rendering.raster.light.panorama import Panorama
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
-from valerie.rendering.raster.spots import Spot, spot_of
+from valerie.rendering.raster.mirrors import Mirrors
 from valerie.rendering.raster.upload.context import GraphicsContext, process_context
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.upload.materials import SurfaceKind
@@ -82,8 +81,7 @@ class RasterRenderer:
         self._lamp_shadows = LampShadows(self._context)
         self._lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
         self._moving_lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
-        self._spots: LeastRecentlyUsed[Spot] = LeastRecentlyUsed(_CAMERAS)
-        self._panoramas: LeastRecentlyUsed[Panorama] = LeastRecentlyUsed(_SUNS)
+        self._mirrors = Mirrors(self._context.gl, self._surfaces, self._lighting)
         self._canvases: LeastRecentlyUsed[Canvas] = LeastRecentlyUsed(2)
 
     @property
@@ -187,7 +185,7 @@ class RasterRenderer:
     def _forget(self) -> None:
         for cache in (
             self._static_surfaces, self._light_views, self._static_shadows, self._static_images, self._sky_maps, self._sky_lights,
-            self._lamp_maps, self._moving_lamp_maps, self._spots, self._panoramas,
+            self._lamp_maps, self._moving_lamp_maps, self._mirrors,
         ):  # fmt: skip
             cache.clear()
         for canvas in self._canvases:
@@ -247,7 +245,7 @@ class RasterRenderer:
             shadow = self._shadows.movable(frame.prepared, frame.day.shadow.light, frame.table)
         lit = self._lighting.bind(
             frame.canvas.targets,
-            Surfaces(frame.surfaces.target, frame.table, self._panorama(frame) if mirrors else None),
+            self._mirroring(frame) if mirrors else Surfaces(frame.surfaces.target, frame.table, None),
             Viewpoint(frame.camera, frame.view),
             frame.day,
             shadow,
@@ -258,24 +256,17 @@ class RasterRenderer:
         finally:
             lit.release()
 
-    def _panorama(self, frame: _Frame) -> Panorama:
-        """Return what smooth surfaces of the frame mirror: the statics by the frame's light, without lamps on movables."""
-        statics, place = frame.prepared.statics, spot_of(frame.camera.position)
-        here = (statics.key, place.tobytes())
-
-        def photograph() -> Panorama:
-            spot = self._spots.get(here, lambda: Spot(self._context.gl, self._surfaces, statics, frame.table, place))
-            panorama, lamps = Panorama(self._context.gl, place), self._lamplight(frame, movables=False)
-            ground = frame.day.light.ground if lamps is None else frame.day.light.ground + lamps.bounce
-
-            def bind(canvas: Canvas, viewpoint: Viewpoint) -> LitFrame:
-                surfaces = Surfaces(canvas.targets.surfaces, frame.table, panorama)
-                return self._lighting.bind(canvas.targets, surfaces, viewpoint, frame.day, None, lamps)
-
-            spot.photograph(panorama, bind, ground)
-            return panorama
-
-        return self._panoramas.get((here, frame.light_key), photograph)
+    def _mirroring(self, frame: _Frame) -> Surfaces:
+        """Return the frame's surfaces with what they mirror: the statics by the frame's light, without lamps on movables."""
+        return self._mirrors.seen_from(
+            Viewpoint(frame.camera, frame.view),
+            frame.prepared.statics,
+            frame.surfaces.target,
+            frame.table,
+            frame.day,
+            lambda: self._lamplight(frame, movables=False),
+            frame.light_key,
+        )
 
     def _lamplight(self, frame: _Frame, *, movables: bool) -> LampLight | None:
         """Return the light of the lamps, without those on movables if ``movables`` is False; None if no lamp is on."""

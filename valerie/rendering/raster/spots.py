@@ -31,6 +31,8 @@ from valerie.scene.graph.model import Camera
 _VIEW: Final = View("panorama", 64, 64)
 #: Distance beyond which the panorama shows the sky, metres.
 REACH: Final = 80.0
+#: Least size of a mesh in it, as a share of its distance: 2.5 pixels of the five images.
+_LEAST: Final = 0.08
 #: Brightest value: the sun's own mirror image is a highlight (``lighting.frag``).
 _BRIGHTEST: Final = 6.0
 #: Least height of a spot above the ground, metres.
@@ -60,7 +62,7 @@ class Spot:
             target = canvas.targets.surfaces
             target.use()
             target.clear()
-            drawer.statics(statics, table, drawing_matrices(camera, _VIEW))
+            drawer.statics(statics, table, drawing_matrices(camera, _VIEW), least=_LEAST)
 
     def photograph(self, panorama: Panorama, bind: Callable[[Canvas, Viewpoint], LitFrame], ground: Points) -> None:
         """Light the statics and fill a panorama.

@@ -32,6 +32,7 @@ from valerie.rendering.snowfall import FLAKE_VIEW, chance
 from valerie.scene.graph.model import Camera, Sun
 
 if TYPE_CHECKING:
+    from valerie.rendering.raster.light.pane_images import PaneImages
     from valerie.rendering.raster.light.panorama import Panorama
     from valerie.rendering.raster.upload.context import GraphicsContext
     from valerie.rendering.raster.upload.scenes import Statics
@@ -86,11 +87,13 @@ class Surfaces:
         statics: G-buffer of the scene without its movables.
         materials: material table of the scene.
         panorama: what smooth surfaces mirror; None if no image is made.
+        panes: what large panes mirror; None if they mirror the panorama.
     """
 
     statics: RenderTarget
     materials: moderngl.Texture
     panorama: Panorama | None
+    panes: PaneImages | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +209,9 @@ class Lighting:
             textures["panorama"] = surfaces.panorama.texture
             values["panorama_spot"] = surfaces.panorama.spot
             values["panorama_known"] = float(surfaces.panorama.known)
+            # A sampler needs a texture of its type even if it is not read.
+            textures["pane_images"] = (surfaces.panes or surfaces.panorama).texture
+            values |= {"pane_count": 0} if surfaces.panes is None else surfaces.panes.values
         owned: tuple[moderngl.Texture, ...] = ()
         bounce: NDArray[np.float64] | None = None
         if lamps is not None:

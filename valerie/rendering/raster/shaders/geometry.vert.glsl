@@ -17,6 +17,9 @@ uniform uvec3 ids;
 #else
 in uvec3 in_ids;
 #endif
+#ifdef BEYOND
+uniform vec4 beyond;     // only what lies on the positive side of this plane is drawn
+#endif
 out vec3 world_position;
 out vec3 world_normal;
 out vec2 uv;
@@ -45,4 +48,7 @@ void main() {
 #endif
     axis_depth = dot(depth_row, position);
     gl_Position = clip_from_world * position;
+#ifdef BEYOND
+    gl_ClipDistance[0] = dot(beyond, position);
+#endif
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import moderngl
 import numpy as np
@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.upload.movable_geometry import MeshBuffers, PlacedMesh
     from valerie.rendering.raster.upload.scenes import Statics
     from valerie.rendering.raster.upload.textures import TextureSet
+
+
+#: ``GL_CLIP_DISTANCE0``.
+_CLIP_DISTANCE: Final = 0x3000
 
 
 class SurfaceDrawer:
@@ -53,21 +57,33 @@ class SurfaceDrawer:
         self._panes = panes
         self._sampler = sampler
 
-    def statics(self, statics: Statics, table: moderngl.Texture, values: Uniforms) -> None:
-        """Draw the statics into the target in use, without meshes outside the clip volume of ``values``."""
-        geometry = statics.geometry
+    def statics(self, statics: Statics, table: moderngl.Texture, values: Uniforms, *, least: float = 0.0) -> None:
+        """Draw the statics into the target in use, without meshes outside the clip volume of ``values``.
+
+        Args:
+            values: uniforms of ``geometry.vert``; with ``beyond``, (4,), only what lies on this plane's positive side is drawn.
+            least: leaves out meshes too small for a coarse picture, see `StaticGeometry.appearing`.
+        """
+        geometry, gl, cut = statics.geometry, self._context.gl, "beyond" in values
         drawn = geometry.within(np.asarray(values["clip_from_world"]))
+        if cut:
+            drawn &= geometry.beyond(np.asarray(values["beyond"]))
+            gl.enable_direct(_CLIP_DISTANCE)
+        if least > 0:
+            drawn &= geometry.appearing(np.asarray(values["eye"]), least)
         for batch in geometry.batches if self._textures == "read" else geometry.whole:
             if batch.kind.clear and self._panes == "not":
                 continue
             parts = geometry.parts(batch, drawn)
             if not parts:
                 continue
-            array = geometry.array(self._ready(batch.kind, statics.textures, table, values, movable=False))
+            array = geometry.array(self._ready(batch.kind, statics.textures, table, values, movable=False, cut=cut))
             for part in parts:
                 array.render(moderngl.TRIANGLES, vertices=part.count, first=part.first)
+        if cut:
+            gl.disable_direct(_CLIP_DISTANCE)
         if self._sampler is not None:
-            self._context.gl.clear_samplers()
+            gl.clear_samplers()
 
     def movables(
         self, placed: Sequence[PlacedMesh], textures: TextureSet, table: moderngl.Texture, values: Uniforms
@@ -109,12 +125,16 @@ class SurfaceDrawer:
         *,
         movable: bool,
         elsewhere: bool = False,
+        cut: bool = False,
     ) -> moderngl.Program:
         """Return the program for a kind of surface, with textures, uniforms and GL state set."""
         gl, read = self._context.gl, self._textures == "read"
         defines = {"MOVABLE": 1} if movable else {}
         if elsewhere:
             defines["ELSEWHERE"] = 1
+        if cut:
+            # A program of its own, so that no state of this one reaches the image or the truth.
+            defines["BEYOND"] = 1
         samplers: dict[str, moderngl.Texture | moderngl.TextureArray] = {"material_table": table}
         if kind.color_side and (read or kind.cut):
             defines["COLOR_TEXTURE"] = 1

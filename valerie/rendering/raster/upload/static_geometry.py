@@ -31,6 +31,8 @@ class Batch:
 
 #: Largest number of triangles outside the volume that are drawn with those around them, which is cheaper than another call.
 _GAP: Final = 256
+#: Number of triangles of a mesh beyond which it must be larger to appear in a coarse picture.
+_FINE: Final = 64
 _SERIALS = count()
 
 
@@ -44,6 +46,7 @@ class StaticGeometry:
         kinds: per item and mesh, its kind of surface.
 
     Attributes:
+        meshes: each node with the rows of its meshes.
         serial: unique number in this process (an ``id`` may be reused).
         low, high: (3,) world bounds of all vertices, metres; a unit box around the origin if there are none.
         core_low, core_high: (3,) bounds without the outermost 0.5 % of the vertices on each side, which leaves out a ground plane
@@ -58,7 +61,7 @@ class StaticGeometry:
         rows: Sequence[Sequence[int]],
         kinds: Sequence[Sequence[SurfaceKind]],
     ) -> None:
-        self._items = tuple(items)
+        self.meshes = tuple(zip(items, rows, strict=True))
         self.serial = next(_SERIALS)
         vertices: list[tuple[NDArray[np.float32], ...]] = []
         ids: list[NDArray[np.uint32]] = []
@@ -126,6 +129,25 @@ class StaticGeometry:
     def within(self, clip_from_world: Matrix) -> Mask:
         """Return (M,) bool per mesh, False if its bounding box lies outside a clip volume."""
         return touches_clip_volume(self._boxes, clip_from_world)
+
+    def beyond(self, plane: Points) -> Mask:
+        """Return (M,) bool per mesh, False if its bounding box lies on the negative side of a plane, (4,)."""
+        seen: Mask = (self._boxes @ plane[:3] + plane[3]).max(axis=1, initial=-np.inf) > 0
+        return seen
+
+    def appearing(self, eye: Points, least: float) -> Mask:
+        """Return (M,) bool per mesh, False if it is too small for a coarse picture.
+
+        Args:
+            eye: (3,) metres.
+            least: least size of a mesh of up to 64 triangles, as a share of its distance. One of more needs as much more area.
+        """
+        first, last = self._boxes[:, 0], self._boxes[:, -1]
+        distance = np.linalg.norm((first + last) / 2 - eye, axis=1)
+        triangles = np.diff(self._starts) / 3
+        shares = least * np.sqrt(np.maximum(triangles / _FINE, 1.0))
+        seen: Mask = np.linalg.norm(last - first, axis=1) >= shares * distance
+        return seen
 
     def parts(self, batch: Batch, drawn: Mask) -> list[Batch]:
         """Return the ranges of a batch that hold the meshes of ``drawn``, (M,) bool from `within`, and few others."""
