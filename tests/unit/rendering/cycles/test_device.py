@@ -7,6 +7,7 @@ from unittest.mock import MagicMock
 import pytest
 
 from valerie.rendering.cycles.inside.studio import Studio
+from valerie.rendering.surface_constants import CONSTANTS, relief_corners
 
 
 class Preferences:
@@ -41,7 +42,9 @@ def test_the_chosen_device_renders_also_after_a_reset(
     choice: str, kind: str, blender: MagicMock, tmp_path: Path
 ) -> None:
     studio = Studio(blender, str(tmp_path), MagicMock())
-    answer, _ = studio.hello({"device": choice, "threads": 1}, {})
+    answer, _ = studio.hello(
+        {"device": choice, "threads": 1, "constants": dict(CONSTANTS)}, {"reliefs": relief_corners()}
+    )
     assert answer["device"] == kind
     studio.reset({}, {})
     preferences = blender.context.preferences.addons["cycles"].preferences

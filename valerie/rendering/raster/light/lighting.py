@@ -24,6 +24,7 @@ from valerie.rendering.raster.gl.tiles import Spans
 from valerie.rendering.raster.gl.uniforms import Uniform, Uniforms
 from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
 from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
+from valerie.rendering.raster.light.pane_images import PANE_IMAGES, PaneImages
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
 from valerie.rendering.raster.upload.drawing import table_texture
 from valerie.rendering.raster.upload.surroundings import from_below, reflected, sky_weights, snowed
@@ -32,7 +33,6 @@ from valerie.rendering.snowfall import FLAKE_VIEW, chance
 from valerie.scene.graph.model import Camera, Sun
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.light.pane_images import PaneImages
     from valerie.rendering.raster.light.panorama import Panorama
     from valerie.rendering.raster.upload.context import GraphicsContext
     from valerie.rendering.raster.upload.scenes import Statics
@@ -162,7 +162,7 @@ class Lighting:
         """
         key = tuple(sorted(kind))
         if key not in self._shading:
-            defines: dict[str, int] = {"SKYLIGHT_CELL": SKYLIGHT_CELL}
+            defines: dict[str, int] = {"SKYLIGHT_CELL": SKYLIGHT_CELL, "PANE_IMAGES": PANE_IMAGES}
             defines |= dict.fromkeys(key, 1)
             if "LAMPS" in kind:
                 defines |= {"LAMP_TILES": LAMP_TILES, "MOVING_TILES": MOVING_TILES}

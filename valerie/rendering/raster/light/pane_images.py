@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from valerie.rendering.projection import Points
 from valerie.rendering.raster.gl.uniforms import Uniform
 
-#: Largest number of pictures per frame, as in ``panes.glsl``.
+#: Largest number of pictures per frame.
 PANE_IMAGES: Final = 1
 #: Largest number of pixels per side. All textures have this size, for which the driver compiles the shading once.
 LARGEST: Final = 264

@@ -1,5 +1,4 @@
 // Reflections in large flat panes: pictures of the statics from the camera's mirror images (panes.py).
-const int PANE_IMAGES = 1;
 uniform sampler2DArray pane_images;     // radiance, depth in metres (0 where unknown)
 uniform int pane_count;
 uniform vec4 pane_planes[PANE_IMAGES];  // normal, and its product with a point of the plane
