@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Hashable
 from typing import Final
 
@@ -12,9 +13,9 @@ from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
 from valerie.rendering.raster.gl.targets import RenderTarget
 from valerie.rendering.raster.light.lamplight import LampLight
 from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, Surfaces, Viewpoint
-from valerie.rendering.raster.light.pane_images import PaneImages
+from valerie.rendering.raster.light.pane_image import PaneImage
 from valerie.rendering.raster.light.panorama import Panorama
-from valerie.rendering.raster.panes import Panes, PaneViews
+from valerie.rendering.raster.panes import Panes, PaneView
 from valerie.rendering.raster.spots import Spot, spot_of
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 from valerie.rendering.raster.upload.scenes import Statics
@@ -25,7 +26,7 @@ _LIGHTS: Final = 4
 
 
 class Mirrors:
-    """The panorama around each camera, and the pictures in large panes.
+    """The panorama around each camera, and the picture in large panes.
 
     Args:
         gl: the context; it must be current in every call.
@@ -38,8 +39,8 @@ class Mirrors:
         self._spots: LeastRecentlyUsed[Spot] = LeastRecentlyUsed(_CAMERAS)
         self._panoramas: LeastRecentlyUsed[Panorama] = LeastRecentlyUsed(_LIGHTS)
         self._panes: LeastRecentlyUsed[Panes] = LeastRecentlyUsed(2)
-        self._pane_views: LeastRecentlyUsed[PaneViews] = LeastRecentlyUsed(_CAMERAS)
-        self._pane_images: LeastRecentlyUsed[PaneImages] = LeastRecentlyUsed(_LIGHTS)
+        self._pane_views: LeastRecentlyUsed[PaneView] = LeastRecentlyUsed(_CAMERAS)
+        self._pane_images: LeastRecentlyUsed[PaneImage] = LeastRecentlyUsed(_LIGHTS)
 
     def clear(self) -> None:
         """Free all that is cached."""
@@ -71,10 +72,12 @@ class Mirrors:
         spot_key = (statics.key, place.tobytes())
         view_key = (statics.key, camera_key(viewpoint.camera, viewpoint.view))
 
-        def lit_in(panorama: Panorama, light: LampLight | None) -> Callable[[Canvas, Viewpoint], LitFrame]:
+        lamps = functools.cache(lamps)
+
+        def lit_in(panorama: Panorama) -> Callable[[Canvas, Viewpoint], LitFrame]:
             def bind(canvas: Canvas, seen_by: Viewpoint) -> LitFrame:
                 surfaces = Surfaces(canvas.targets.surfaces, table, panorama)
-                return self._lighting.bind(canvas.targets, surfaces, seen_by, day, None, light)
+                return self._lighting.bind(canvas.targets, surfaces, seen_by, day, None, lamps())
 
             return bind
 
@@ -82,16 +85,16 @@ class Mirrors:
             spot = self._spots.get(spot_key, lambda: Spot(gl, self._drawer, statics, table, place))
             panorama, light = Panorama(gl, place), lamps()
             ground = day.light.ground if light is None else day.light.ground + light.bounce
-            spot.photograph(panorama, lit_in(panorama, light), ground)
+            spot.photograph(panorama, lit_in(panorama), ground)
             return panorama
 
-        panorama = self._panoramas.get((spot_key, light_key), all_around)
-
-        def in_panes() -> PaneImages:
+        def in_panes() -> PaneView:
             panes = self._panes.get(statics.key, lambda: Panes.of(statics))
-            views = self._pane_views.get(
-                view_key, lambda: PaneViews(gl, self._drawer, statics, table, viewpoint, panes)
-            )
-            return views.photograph(lit_in(panorama, lamps()))
+            return PaneView(gl, self._drawer, statics, table, viewpoint, panes)
 
-        return Surfaces(target, table, panorama, self._pane_images.get((view_key, light_key), in_panes))
+        panorama = self._panoramas.get((spot_key, light_key), all_around)
+        view = self._pane_views.get(view_key, in_panes)
+        if (mirror := view.mirror) is None:
+            return Surfaces(target, table, panorama)
+        picture = self._pane_images.get((view_key, light_key), lambda: mirror.photograph(gl, lit_in(panorama)))
+        return Surfaces(target, table, panorama, picture)

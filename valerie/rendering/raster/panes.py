@@ -1,8 +1,8 @@
-"""Takes pictures of what large flat panes mirror: the statics, seen from the camera's mirror image behind the pane.
+"""Takes a picture of what large flat panes mirror: the statics, seen from the camera's mirror image behind the pane.
 
 Rays from a camera that a plane reflects go on as if they came from the camera's mirror image, so one picture from there has all
-that the panes of a plane show, at its place. The planes that fill most of the image get one each; all else that is smooth mirrors
-the panorama (`valerie.rendering.raster.spots`). Movables are not mirrored, so they never change a pixel this way.
+that the panes of a plane show, at its place. The plane whose panes fill most of the image gets one; all else that is smooth
+mirrors the panorama (`valerie.rendering.raster.spots`). Movables are not mirrored, so they never change a pixel this way.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from valerie.rendering.projection import Points, drawing_matrices
 from valerie.rendering.raster.canvas import Canvas
 from valerie.rendering.raster.gl.tiles import Area, Mask
 from valerie.rendering.raster.light.lighting import LitFrame, Viewpoint
-from valerie.rendering.raster.light.pane_images import LARGEST, PANE_IMAGES, PaneImages
+from valerie.rendering.raster.light.pane_image import LARGEST, NEAR_PLANE, PaneImage
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 from valerie.rendering.raster.upload.scenes import Statics
 from valerie.scene.graph.model import Camera
@@ -29,12 +29,10 @@ from valerie.scene.graph.model import Camera
 #: Largest roughness of a pane, and least area of one of its triangles, square metres.
 _SMOOTH: Final = 0.15
 _LARGE: Final = 0.05
-#: Panes within this distance of a plane share its picture, metres; as in ``panes.glsl``.
-_SAME: Final = 0.6
 #: Least shares of the image that all panes of a plane, and a triangle of a pane, fill.
 _LEAST: Final = 0.01
 _LEAST_PANE: Final = 0.001
-#: Pixels of a picture per pixel of the image.
+#: Pixels of the picture per pixel of the image.
 _SCALE: Final = 0.4
 #: Margin around panes in the picture, radians: they are slightly bent.
 _MARGIN: Final = 0.012
@@ -79,7 +77,7 @@ class Panes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Mirror:
+class Mirror:
     """A plane with panes, and the camera that takes its picture."""
 
     plane: Points
@@ -88,9 +86,23 @@ class _Mirror:
     canvas: Canvas
     tiles: Mask
 
+    def photograph(self, gl: moderngl.Context, bind: Callable[[Canvas, Viewpoint], LitFrame]) -> PaneImage:
+        """Light the statics and return their picture. ``bind`` returns the lighting passes of a canvas."""
+        canvas, viewpoint = self.canvas, Viewpoint(self.camera, self.view)
+        canvas.skylit, canvas.shaded = canvas.grid.none(), canvas.grid.none()
+        frame = bind(canvas, viewpoint)
+        canvas.light(frame, self.tiles)
+        frame.release()
+        everything = Area(0, 0, self.view.width, self.view.height)
+        depth = canvas.read_depth(self.camera.near, self.camera.far)
+        depth[~canvas.grid.pixels(self.tiles, everything)] = 0.0
+        picture = np.concatenate([canvas.read_pixels(everything), depth.astype(np.float16)[..., None]], axis=2)
+        basis = np.asarray(np.linalg.inv(viewpoint.ray_basis), np.float64)
+        return PaneImage(gl, self.plane, self.camera.position, basis, picture)
 
-class PaneViews:
-    """The statics seen from the camera's mirror images.
+
+class PaneView:
+    """The statics seen from the camera's mirror image in the largest plane of panes.
 
     Args:
         gl: the current context.
@@ -99,6 +111,9 @@ class PaneViews:
         table: their material table.
         viewpoint: the camera and the size of its image.
         panes: the panes of the statics.
+
+    Attributes:
+        mirror: the plane, which takes the pictures; None without a large pane.
     """
 
     def __init__(
@@ -110,46 +125,25 @@ class PaneViews:
         viewpoint: Viewpoint,
         panes: Panes,
     ) -> None:
-        self._gl = gl
-        self._mirrors = [_mirror(gl, viewpoint, *found) for found in _planes(panes, viewpoint)]
-        for mirror in self._mirrors:
+        found = _largest_plane(panes, viewpoint)
+        self.mirror = mirror = None if found is None else _mirror(gl, viewpoint, *found)
+        if mirror is not None:
             target = mirror.canvas.targets.surfaces
             target.use()
             target.clear()
             # Nothing behind the pane hides what it mirrors.
             beyond = np.array([*mirror.plane[:3], -mirror.plane[3] - 0.005])
-            values = drawing_matrices(mirror.camera, mirror.view)
-            least = _DETAIL / mirror.camera.focal_length_px(mirror.view.width)
-            drawer.statics(statics, table, {**values, "beyond": beyond}, least=least)
-
-    def photograph(self, bind: Callable[[Canvas, Viewpoint], LitFrame]) -> PaneImages:
-        """Light the statics and return the pictures. ``bind`` returns the lighting passes of a canvas."""
-        pictures, bases = list[NDArray[np.float16]](), list[NDArray[np.float64]]([np.zeros((0, 3, 3))])
-        for mirror in self._mirrors:
-            canvas, viewpoint = mirror.canvas, Viewpoint(mirror.camera, mirror.view)
-            canvas.skylit, canvas.shaded = canvas.grid.none(), canvas.grid.none()
-            frame = bind(canvas, viewpoint)
-            canvas.light(frame, mirror.tiles)
-            frame.release()
-            everything = Area(0, 0, mirror.view.width, mirror.view.height)
-            depth = canvas.read_depth(mirror.camera.near, mirror.camera.far)
-            depth[~canvas.grid.pixels(mirror.tiles, everything)] = 0.0
-            pictures.append(
-                np.concatenate([canvas.read_pixels(everything), depth.astype(np.float16)[..., None]], axis=2)
-            )
-            bases.append(np.asarray(np.linalg.inv(viewpoint.ray_basis), np.float64)[None])
-        planes = np.array([mirror.plane for mirror in self._mirrors]).reshape(-1, 4)
-        eyes = np.array([mirror.camera.position for mirror in self._mirrors]).reshape(-1, 3)
-        return PaneImages(self._gl, planes, eyes, np.concatenate(bases), pictures)
+            values = {**drawing_matrices(mirror.camera, mirror.view), "beyond": beyond}
+            drawer.statics(statics, table, values, least=_DETAIL / mirror.camera.focal_length_px(mirror.view.width))
 
     def release(self) -> None:
         """Free the targets."""
-        for mirror in self._mirrors:
-            mirror.canvas.release()
+        if self.mirror is not None:
+            self.mirror.canvas.release()
 
 
-def _planes(panes: Panes, viewpoint: Viewpoint) -> list[tuple[Points, Points]]:
-    """Return the planes whose panes fill most of the image, each with these panes' triangles in the image.
+def _largest_plane(panes: Panes, viewpoint: Viewpoint) -> tuple[Points, Points] | None:
+    """Return the plane whose panes fill most of the image, and their triangles in the image; None without a large pane.
 
     Corners, (N, 3, 2), are −1 … 1 across the image; those outside are moved to its edge.
     """
@@ -162,22 +156,20 @@ def _planes(panes: Panes, viewpoint: Viewpoint) -> list[tuple[Points, Points]]:
     (x, y), (u, v) = (np.moveaxis(places[:, k] - places[:, 0], 1, 0) for k in (1, 2))
     shares = np.abs(x * v - y * u) / 8
     shares[(panes.normals @ camera.position <= offsets + camera.near) | (local[..., 2].max(axis=1) < camera.near)] = 0
-    rest = np.flatnonzero(shares > _LEAST_PANE)
-    found: list[tuple[Points, Points]] = []
-    while len(rest) and len(found) < PANE_IMAGES:
-        apart = np.abs(offsets[rest] - offsets[rest][:, None])
-        alike = (panes.normals[rest] @ panes.normals[rest].T > 0.9995) & (apart < _SAME)
-        # The picture is taken in the plane that most panes lie in.
-        best = int(((alike + (alike & (apart < 0.01))) @ shares[rest]).argmax())
-        members = rest[alike[best]]
-        if shares[members].sum() < _LEAST:
-            break
-        found.append((np.array([*panes.normals[rest[best]], offsets[rest[best]]]), places[members]))
-        rest = rest[~alike[best]]
-    return found
+    seen = np.flatnonzero(shares > _LEAST_PANE)
+    if not len(seen):
+        return None
+    apart = np.abs(offsets[seen] - offsets[seen][:, None])
+    alike = (panes.normals[seen] @ panes.normals[seen].T > 0.9995) & (apart < NEAR_PLANE)
+    # The picture is taken in the plane that most panes lie in.
+    best = int(((alike + (alike & (apart < 0.01))) @ shares[seen]).argmax())
+    members = seen[alike[best]]
+    if shares[members].sum() < _LEAST:
+        return None
+    return np.array([*panes.normals[seen[best]], offsets[seen[best]]]), places[members]
 
 
-def _mirror(gl: moderngl.Context, viewpoint: Viewpoint, plane: Points, triangles: Points) -> _Mirror:
+def _mirror(gl: moderngl.Context, viewpoint: Viewpoint, plane: Points, triangles: Points) -> Mirror:
     """Return the camera behind a plane that sees these triangles of the image in it, with its targets."""
     normal, seen_by = plane[:3], viewpoint.camera
     across = np.eye(3) - 2 * np.outer(normal, normal)
@@ -203,4 +195,4 @@ def _mirror(gl: moderngl.Context, viewpoint: Viewpoint, plane: Points, triangles
     for corners in flat * focal + (width / 2, height / 2):
         cv2.fillConvexPoly(mask, np.round(corners * 16).astype(np.int32), 1, shift=4)
     wide = cv2.dilate(mask, np.ones((2 * int(np.ceil(_MARGIN * focal)) + 1,) * 2, np.uint8))
-    return _Mirror(plane, camera, view, canvas, canvas.grid.holding(wide > 0, 0, 0))
+    return Mirror(plane, camera, view, canvas, canvas.grid.holding(wide > 0, 0, 0))

@@ -24,7 +24,7 @@ from valerie.rendering.raster.gl.tiles import Spans
 from valerie.rendering.raster.gl.uniforms import Uniform, Uniforms
 from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
 from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
-from valerie.rendering.raster.light.pane_images import PANE_IMAGES, PaneImages
+from valerie.rendering.raster.light.pane_image import PaneImage
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
 from valerie.rendering.raster.upload.drawing import table_texture
 from valerie.rendering.raster.upload.surroundings import from_below, reflected, sky_weights, snowed
@@ -87,13 +87,13 @@ class Surfaces:
         statics: G-buffer of the scene without its movables.
         materials: material table of the scene.
         panorama: what smooth surfaces mirror; None if no image is made.
-        panes: what large panes mirror; None if they mirror the panorama.
+        pane: what the largest plane of panes mirrors; None if it mirrors the panorama.
     """
 
     statics: RenderTarget
     materials: moderngl.Texture
     panorama: Panorama | None
-    panes: PaneImages | None = None
+    pane: PaneImage | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +162,7 @@ class Lighting:
         """
         key = tuple(sorted(kind))
         if key not in self._shading:
-            defines: dict[str, int] = {"SKYLIGHT_CELL": SKYLIGHT_CELL, "PANE_IMAGES": PANE_IMAGES}
-            defines |= dict.fromkeys(key, 1)
+            defines: dict[str, int] = {"SKYLIGHT_CELL": SKYLIGHT_CELL, **dict.fromkeys(key, 1)}
             if "LAMPS" in kind:
                 defines |= {"LAMP_TILES": LAMP_TILES, "MOVING_TILES": MOVING_TILES}
                 defines |= {"LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": LAMP_ACROSS}
@@ -210,8 +209,8 @@ class Lighting:
             values["panorama_spot"] = surfaces.panorama.spot
             values["panorama_known"] = float(surfaces.panorama.known)
             # A sampler needs a texture of its type even if it is not read.
-            textures["pane_images"] = (surfaces.panes or surfaces.panorama).texture
-            values |= {"pane_count": 0} if surfaces.panes is None else surfaces.panes.values
+            textures["pane_image"] = surfaces.materials if surfaces.pane is None else surfaces.pane.texture
+            values |= {"pane_near": 0.0} if surfaces.pane is None else surfaces.pane.values
         owned: tuple[moderngl.Texture, ...] = ()
         bounce: NDArray[np.float64] | None = None
         if lamps is not None:
