@@ -56,7 +56,7 @@ def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
     differing = {*varied_conditions(varied), *(("time_s",) if len(resolved.times.elapsed) > 1 else ())}
     circumstances = (measure for measure in measures_from(Source.CONDITIONS) if measure.name in differing)
     parameters = (
-        PlotAxis(d.path, short_name(d.path), "°" if d.type == "ANGLE" else d.unit, 1.0, "varied")
+        PlotAxis(d.path, short_name(d.path), d.unit_sign, 1.0, "varied")
         for d in resolved.definitions
         # The sun's angles are conditions already, in either notation.
         if d.path in varied and d.is_number and d.path not in ANGLES

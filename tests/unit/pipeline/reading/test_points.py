@@ -11,6 +11,8 @@ from tests.world.boxes import spec
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.points import plot_axes, read_points
 from valerie.pipeline.reading.tables import read_table
+from valerie.runs.resolving.spec import parse, resolve
+from valerie.scene.assets.asset import load_asset
 
 VARIED = "scene.person-1.trajectory.key-2.pos.x"
 
@@ -44,3 +46,10 @@ def test_every_axis_of_a_run_gives_the_values_of_its_column(pipeline: Pipeline, 
         expected = ((row["variant_index"], int(row["frame_id"].rpartition(".")[2]), row[column]) for row in table)
         assert plotted == sorted(point for point in expected if point[2] is not None), column
     assert len(set(read_points(pipeline.context, run, "time_s", limit=1000).x)) == 3
+
+
+def test_an_angle_with_limits_is_plotted_in_degrees() -> None:
+    document: dict[str, Any] = {"name": "tilted", "asset": "urban-street", "functions": ["f"]}
+    document["vary"] = {"camera-1.pitch": {"choice": [0.0, 5.0]}}
+    axes = plot_axes(resolve(parse(document), load_asset("urban-street").manifest))
+    assert [axis.unit for axis in axes if axis.column == "scene.camera-1.pitch"] == ["°"]
