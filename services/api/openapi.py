@@ -88,6 +88,10 @@ class _Operation(TypedDict, total=False):
 _Paths = Mapping[str, Mapping[str, _Operation]]
 
 
+#: Content that is no text.
+BINARY: Final[JsonObject] = {"schema": {"type": "string", "format": "binary"}}
+
+
 def problems(*statuses: int) -> dict[int | str, JsonObject]:
     """Return ``responses=`` with the problems of every endpoint and those of ``statuses``."""
     late = (408,) if 413 in statuses else ()  # a body that may be too long may also be too slow
@@ -136,7 +140,7 @@ def document_body(description: str, *, example: Mapping[str, Json], yaml: str) -
 
 def binary(media_type: str, description: str) -> dict[int | str, JsonObject]:
     """Return ``responses=`` of bytes that support ranges and entity tags."""
-    content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
+    content: JsonObject = {media_type: BINARY}
     return {
         200: {"description": description, "content": content},
         206: {"description": "The requested range", "content": content},

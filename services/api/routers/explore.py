@@ -13,7 +13,7 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
 from fastapi.responses import StreamingResponse
 
 from services.api.dependencies import ContextDependency, PatientDependency, ProjectDependency
-from services.api.openapi import gives, problems
+from services.api.openapi import BINARY, gives, problems
 from services.api.schemas.base import FRAME_ID, FUNCTION, RUN_ID
 from services.api.schemas.explore import (
     SELECTION_NAME,
@@ -141,7 +141,7 @@ def links(exploration: Opened, selection: Selected, column: ColumnNames) -> Link
     response_class=Response,
     responses={
         **problems(404, 409, 422),
-        200: {"description": "Arrow stream", "content": {_ARROW: {"schema": {"type": "string", "format": "binary"}}}},
+        200: {"description": "Arrow stream", "content": {_ARROW: BINARY}},
     },
     summary="Selected rows over two columns: points if there are few, else a density, as an Arrow stream",
 )
@@ -163,8 +163,8 @@ def scatter(
         200: {
             "content": {
                 "text/csv": {"schema": {"type": "string"}, "example": "frame_id,pacc\n"},
-                "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
-                _ARROW: {"schema": {"type": "string", "format": "binary"}},
+                "application/vnd.apache.parquet": BINARY,
+                _ARROW: BINARY,
             }
         },
     },
@@ -312,7 +312,7 @@ def confusion(
     response_class=Response,
     responses={
         **problems(404, 422),
-        200: {"description": "JPEG", "content": {_JPEG: {"schema": {"type": "string", "format": "binary"}}}},
+        200: {"description": "JPEG", "content": {_JPEG: BINARY}},
     },
     summary="Thumbnails of frames in one picture, eight in a row",
 )
@@ -370,7 +370,7 @@ def refine(
     response_class=Response,
     responses={
         **problems(404, 409, 422, 507),
-        200: {"description": "zip", "content": {_ZIP: {"schema": {"type": "string", "format": "binary"}}}},
+        200: {"description": "zip", "content": {_ZIP: BINARY}},
     },
     summary="The frames of the selected rows of one run as a data set: a zip archive of pictures and labels",
 )

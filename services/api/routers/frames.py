@@ -38,6 +38,8 @@ from valerie.storage.keys import product_key
 
 router = APIRouter(prefix="/v1", tags=["frames"])
 
+SensorName = Annotated[str | None, Query(max_length=200, description="default: the run's first", examples=["default"])]
+
 
 @router.get(
     "/runs/{run_id}/variants",
@@ -103,9 +105,7 @@ def image(
     function: Annotated[
         str | None, Query(max_length=200, description="default: the run's first", examples=["deeplabv3plus-small"])
     ] = None,
-    sensor: Annotated[
-        str | None, Query(max_length=200, description="default: the run's first", examples=["default"])
-    ] = None,
+    sensor: SensorName = None,
 ) -> Response:
     source = find_picture(context, key, kind=kind, function=function, sensor=sensor)
     pictures: list[bytes] = []
@@ -151,9 +151,7 @@ def labels(
     function: Annotated[
         str | None, Query(max_length=200, description="default: the truth", examples=["deeplabv3plus-small"])
     ] = None,
-    sensor: Annotated[
-        str | None, Query(max_length=200, description="default: the run's first", examples=["default"])
-    ] = None,
+    sensor: SensorName = None,
 ) -> Response:
     kind = "truth" if function is None else "prediction"
     source = find_picture(context, key, kind=kind, function=function, sensor=sensor)

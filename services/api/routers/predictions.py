@@ -7,7 +7,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Query, Request, Response, status
 
 from services.api.dependencies import Body, ContextDependency, FrameDependency, wake_control
-from services.api.openapi import problems, request_body
+from services.api.openapi import BINARY, problems, request_body
 from services.api.schemas.functions import PredictionRead
 from valerie.pipeline.work.uploaded_predictions import put_prediction
 
@@ -15,7 +15,7 @@ router = APIRouter(prefix="/v1", tags=["predictions"])
 
 _PNG: Final = request_body(
     "PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void",
-    {"image/png": {"schema": {"type": "string", "format": "binary"}}},
+    {"image/png": BINARY},
 )
 
 

@@ -19,7 +19,7 @@ from services.api.dependencies import (
     index,
 )
 from services.api.dependencies import value_of_column as value
-from services.api.openapi import binary, example_of, problems
+from services.api.openapi import BINARY, binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
 from valerie.analysis.rows.table import encoded
@@ -53,7 +53,7 @@ _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.p
         200: {
             "content": {
                 "text/csv": {"schema": {"type": "string"}, "example": _CSV},
-                "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
+                "application/vnd.apache.parquet": BINARY,
             }
         },
     },
@@ -139,7 +139,7 @@ def summary(run_id: RunId, context: ContextDependency) -> SummaryRead:
         200: {
             "content": {
                 "text/csv": {"schema": {"type": "string"}, "example": "id,function,outcome\nSYS-214,one,met\n"},
-                "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
+                "application/vnd.apache.parquet": BINARY,
             }
         },
     },

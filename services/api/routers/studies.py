@@ -16,7 +16,7 @@ from services.api.dependencies import (
     next_page,
     wake_control,
 )
-from services.api.openapi import document_body, example, gives, problems
+from services.api.openapi import BINARY, document_body, example, gives, problems
 from services.api.routers.runs import PLAN, gives_run
 from services.api.schemas.studies import (
     REASON,
@@ -169,7 +169,7 @@ def next_batch(study_id: StudyId, context: ContextDependency) -> NextBatchRead:
 
 @router.get(
     "/studies/{study_id}/report",
-    responses={**_OF_CHANGE, 200: {"content": {"text/html": {"schema": {"type": "string", "format": "binary"}}}}},
+    responses={**_OF_CHANGE, 200: {"content": {"text/html": BINARY}}},
     response_class=Response,
     summary="Report of a study, with its result so far",
 )
