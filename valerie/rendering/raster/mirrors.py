@@ -71,8 +71,7 @@ class Mirrors:
         gl, place = self._gl, spot_of(viewpoint.camera.position)
         spot_key = (statics.key, place.tobytes())
         view_key = (statics.key, camera_key(viewpoint.camera, viewpoint.view))
-
-        lamps = functools.cache(lamps)
+        lamps = functools.cache(lamps)  # the panorama and the panes share it
 
         def lit_in(panorama: Panorama) -> Callable[[Canvas, Viewpoint], LitFrame]:
             def bind(canvas: Canvas, seen_by: Viewpoint) -> LitFrame:
