@@ -284,13 +284,14 @@ def test_the_precision_is_read_back_and_another_one_refused(write_onnx) -> None:
 
 def test_precision_engine_and_threads_are_in_the_numeric_class(write_onnx) -> None:
     classes = []
-    for engine, threads in (("openvino", 1), ("openvino", 2), ("onnxruntime", 1)):
+    for engine, threads in (("openvino", 1), ("openvino", 4), ("onnxruntime", 1), ("openvino", 2)):
         document, path = write_onnx({"engine": engine})
         classes.append(open_function(document, path, threads=threads).numeric_class)
     assert len(set(classes)) == 3
     assert classes[0].startswith("openvino-")
     assert "-cpu-fp32-" in classes[0]
-    assert classes[1].endswith("-t2")
+    assert classes[1].endswith("-t2")  # two pictures share the threads
+    assert classes[3] == classes[0]
 
 
 @ENGINES
