@@ -94,7 +94,9 @@ class OpenVinoEngine:
         try:
             core = _core()
             model = core.read_model(graph)
-            compiled = core.compile_model(model, _DEVICE, _settings(self.precision, self._threads_each, self.batch_size))
+            compiled = core.compile_model(
+                model, _DEVICE, _settings(self.precision, self._threads_each, self.batch_size)
+            )
         except RuntimeError as error:
             raise InvalidInput(f"OpenVINO cannot run this network: {_reason(error)}", field="onnx") from error
         _require_compiled(compiled, self.precision)
