@@ -123,6 +123,7 @@ class Map:
         self._verdicts: _Verdicts | None = None
         self._fitted = 0  # defined scores at the last fit of the kernel
         self._reference: UnitPoints | None = None
+        self._seen = np.empty((0, _REFERENCE))  # what the first values tell about the reference
 
     @one_thread()
     def ask(self, count: int) -> Proposal:
@@ -158,17 +159,21 @@ class Map:
         """Return the verdicts on points, (n,) of `Call`."""
         if self._process is None:
             return np.full(len(points), Call.NOT_KNOWN.value, dtype="<U9")
-        return self._known().calls(points)
+        features = self.domain.features(points)
+        return self._known().calls(features, self._process.seen(self._process.covariance(features)))
 
     @property
+    @one_thread()
     def result(self) -> Boundary | None:
         """The map so far; None before the first fit."""
         if self._process is None:
             return None
         if self._reference is None:
             self._reference = SpaceFilling(self.domain, self.seed + 1).take(_REFERENCE)
-        calls = self.calls(self._reference)
+        features = self.domain.features(self._reference)
+        self._seen = self._process.seen(self._process.covariance(features, len(self._seen)), self._seen)
         verdicts = self._known()
+        calls = verdicts.calls(features, self._seen)
         shares = {call: float(np.mean(calls == call)) for call in Call}
         held_out, truth = verdicts.held_out[self._explored], verdicts.truth[self._explored]
         known = held_out != Call.NOT_KNOWN
@@ -197,10 +202,12 @@ class Map:
         """Return legal points where the process is least sure, (count, dimensions); fewer if hardly any is legal."""
         pool = rng.random((max(_POOL, 4 * count), self.domain.dimensions))
         features = self.domain.features(pool)
-        seen = process.seen(features)
-        mean, deviation = process.predict(seen)
-        best = np.argsort(np.abs(mean) - 1.96 * deviation, kind="stable")[: max(_DOUBTFUL, 4 * count)]
-        pool, features, seen, certain = pool[best], features[best], seen[:, best], np.abs(mean[best])
+        covariance = process.covariance(features)
+        certain, half = np.abs(process.mean(covariance)), len(covariance) // 2
+        seen = process.seen(covariance[:half])  # bounds σ at a quarter of the cost
+        best = np.argsort(certain - 1.96 * process.deviation(seen), kind="stable")[: max(_DOUBTFUL, 4 * count)]
+        pool, features, certain = pool[best], features[best], certain[best]
+        seen = process.seen(covariance[half:, best], seen[:, best])
         covariance = process.kernel(features, features) - seen.T @ seen
         variance, columns = np.diag(covariance).copy(), np.empty((len(pool), count))
         chosen: list[int] = []
@@ -227,6 +234,7 @@ class Map:
         before = self._process
         if len(features) >= 1.5 * self._fitted and self._fitted < FITTED:
             self._fitted = len(features)
+            self._seen = self._seen[:0]
             start = None if before is None else before.kernel
             kernel = Kernel.likeliest(features[-FITTED:], values[-FITTED:], start)
             self._process = Process(kernel, features, values)
@@ -259,20 +267,19 @@ class _Verdicts:
         at_least: float,
     ) -> None:
         from scipy.spatial import cKDTree
-        from sklearn.ensemble import RandomForestRegressor
         from sklearn.linear_model import LogisticRegression
+
+        from valerie.guided.forest import Forest
 
         self._domain, self._process = domain, process
         features, lacking = domain.features(points), np.isnan(scores)
         numbers = np.where(lacking, 2, scores < at_least).astype(np.int64)
         self.truth = _CLASSES[numbers]
         # A forest of indicators splits as one of classes, and votes on all of them even if some do not occur.
-        self._forest = RandomForestRegressor(_TREES, min_samples_leaf=2, oob_score=True, random_state=0).fit(
-            features, np.eye(len(_CLASSES))[numbers]
-        )
+        self._forest = Forest(features, np.eye(len(_CLASSES))[numbers], _TREES)
         self._near = cKDTree(features[~lacking] / process.kernel.lengths)
         self._near_fails = numbers[~lacking] == 1
-        votes = self._forest.oob_prediction_
+        votes = self._forest.held_out
         confidence, own = np.zeros(len(points)), np.full(len(points), -1)
         confidence[~lacking], own[~lacking] = process.held_out(), np.arange(self._near.n)
         inputs = self._inputs(confidence, votes, features, own)
@@ -284,10 +291,9 @@ class _Verdicts:
         self._least = least_probability(likely[explored], numbers[explored])
         self.held_out = self._called(likely)
 
-    def calls(self, points: UnitPoints) -> NDArray[np.str_]:
-        """Return the verdicts on points, (n,) of `Call`."""
-        features = self._domain.features(points)
-        mean, deviation = self._process.predict(self._process.seen(features))
+    def calls(self, features: Floats, seen: Floats) -> NDArray[np.str_]:
+        """Return the verdicts on points, (n,) of `Call`, from their (n, k) features and what the process has seen of them."""
+        mean, deviation = self._process.predict(seen)
         votes = self._forest.predict(features)
         confidence = mean / np.hypot(deviation, np.sqrt(self._process.kernel.noise))
         return self._called(self._probabilities(self._inputs(confidence, votes, features, np.array([-1])), votes))

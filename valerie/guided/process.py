@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
-from scipy.linalg.lapack import dpotri, dtrtri
+from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
 Floats = NDArray[np.float64]
@@ -43,8 +44,12 @@ class Kernel:
     def __call__(self, features: Floats, others: Floats) -> Floats:
         """Return the covariance without noise, (n, m), between (n, k) and (m, k) features."""
         distances = _distances(features / self.lengths, others / self.lengths)
-        result = np.exp(-distances)
-        result *= self.variance * (1 + distances + distances**2 / 3)
+        # In place, since temporary arrays take as long as the numbers in them.
+        result = distances * (self.variance / 3)
+        result += self.variance
+        result *= distances
+        result += self.variance
+        result /= np.exp(distances, out=distances)
         return result
 
     @classmethod
@@ -100,41 +105,63 @@ class Process:
         kernel: its kernel.
         features: (n, k).
         values: (n,) margins.
-        before: a process of the same kernel with the first of these features, whose Cholesky factor is extended.
+        before: a process of the same kernel with the first of these features, which is extended.
 
     Attributes:
-        kernel: see above.
+        kernel, features: see above.
         factor: (n, n) lower Cholesky factor of the covariance with noise.
+        precision: (n,) 1 / σ² of each value, with noise, from all others.
     """
 
     def __init__(self, kernel: Kernel, features: Floats, values: Floats, before: Process | None = None) -> None:
-        self.kernel, self._features = kernel, features
-        self.factor: Floats = np.empty((0, 0)) if before is None else before.factor
-        old, new = np.split(features, [len(self.factor)])
-        cross = self._solved(kernel(old, new))
-        rest = kernel(new, new) + kernel.noise * np.eye(len(new)) - cross.T @ cross
-        self.factor = np.block([[self.factor, np.zeros_like(cross)], [cross.T, cholesky(rest, lower=True)]])
+        self.kernel, self.features = kernel, features
+        factor, precision = (np.empty((0, 0)), np.empty(0)) if before is None else (before.factor, before.precision)
+        old, new = np.split(features, [len(factor)])
+        cross = _solved(factor, kernel(old, new))
+        corner = cholesky(kernel(new, new) + kernel.noise * np.eye(len(new)) - cross.T @ cross, lower=True)
+        # The squares of the inverse factor have the precision as sums of columns. These are its new rows.
+        rows = _solved(corner, np.hstack([-_solved(factor, cross, transposed=True).T, np.eye(len(new))]))
+        self.precision: Floats = np.append(precision, np.zeros(len(new))) + (rows**2).sum(axis=0)
+        self.factor: Floats = np.block([[factor, np.zeros_like(cross)], [cross.T, corner]])
         self._values, self._middle = values, float(values.mean())
-        self._whitened = self._solved(values - self._middle)
+        self._whitened = _solved(self.factor, values - self._middle)
+        self._weights = _solved(self.factor, self._whitened, transposed=True)
 
-    def seen(self, features: Floats) -> Floats:
-        """Return what the values tell about others, (n, m) for (m, k) features, as `predict` takes it.
+    def covariance(self, features: Floats, after: int = 0) -> Floats:
+        """Return the covariance, (n - after, m), of the values, but for the first ones, with others at (m, k) features."""
+        return self.kernel(self.features[after:], features)
 
-        Their covariance is lowered by the products of its columns.
+    def seen(self, covariance: Floats, known: Floats | None = None) -> Floats:
+        """Return what the values tell about others, (n, m), as `predict` takes it.
+
+        The covariance of the others is lowered by the products of its columns. The first rows are what the first values tell.
+
+        Args:
+            covariance: (n, m) from `covariance`, or its first rows.
+            known: (j, m) the first rows, if at hand; ``covariance`` then lacks them.
         """
-        return self._solved(self.kernel(self._features, features))
+        known = np.empty((0, covariance.shape[1])) if known is None else known
+        rows = np.s_[len(known) : len(known) + len(covariance)]
+        rest = covariance - self.factor[rows, : len(known)] @ known
+        # Solved from the right, BLAS takes arrays in our order without a copy.
+        return np.concatenate([known, dtrsm(1.0, self.factor[rows, rows].T, rest.T, side=1, overwrite_b=True).T])
 
     def predict(self, seen: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of the margins, without noise, each (m,)."""
-        variance = self.kernel.variance - np.einsum("ij,ij->j", seen, seen)
-        return self._middle + self._whitened @ seen, np.sqrt(np.maximum(variance, 1e-12))
+        return self._middle + self._whitened @ seen, self.deviation(seen)
+
+    def mean(self, covariance: Floats) -> Floats:
+        """Return the mean of the margins, (m,), at less cost."""
+        return np.asarray(self._middle + self._weights @ covariance)
+
+    def deviation(self, seen: Floats) -> Floats:
+        """Return the standard deviation of the margins, (m,), without noise; what the first values tell bounds it."""
+        return np.sqrt(np.maximum(self.kernel.variance - np.einsum("ij,ij->j", seen, seen), 1e-12))
 
     def held_out(self) -> Floats:
         """Return μ / σ, (n,), of each value from all others (equations 5.12)."""
-        inverse, _ = dtrtri(self.factor, lower=1)
-        precision = np.einsum("ij,ij->j", inverse, inverse)
-        mean = self._values - (self._whitened @ inverse) / precision
-        return np.asarray(mean * np.sqrt(precision))
+        return (self._values - self._weights / self.precision) * np.sqrt(self.precision)
 
-    def _solved(self, right: Floats) -> Floats:
-        return np.asarray(solve_triangular(self.factor, right, lower=True))
+
+def _solved(factor: Floats, right: Floats, *, transposed: bool = False) -> Floats:
+    return np.asarray(solve_triangular(factor, right, lower=True, trans="T" if transposed else "N"))
