@@ -156,11 +156,11 @@ class Process:
 
     def deviation(self, seen: Floats) -> Floats:
         """Return the standard deviation of the margins, (m,), without noise; what the first values tell bounds it."""
-        return np.sqrt(np.maximum(self.kernel.variance - np.einsum("ij,ij->j", seen, seen), 1e-12))
+        return np.asarray(np.sqrt(np.maximum(self.kernel.variance - np.einsum("ij,ij->j", seen, seen), 1e-12)))
 
     def held_out(self) -> Floats:
         """Return μ / σ, (n,), of each value from all others (equations 5.12)."""
-        return (self._values - self._weights / self.precision) * np.sqrt(self.precision)
+        return np.asarray((self._values - self._weights / self.precision) * np.sqrt(self.precision))
 
 
 def _solved(factor: Floats, right: Floats, *, transposed: bool = False) -> Floats:

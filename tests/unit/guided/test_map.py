@@ -105,6 +105,20 @@ def test_where_hardly_any_variant_is_legal_batches_are_whole_and_legal() -> None
         strategy.tell(points, bent(points))
 
 
+def test_a_result_is_the_same_whether_earlier_ones_were_asked_for_or_not() -> None:
+    often, once = (Map(Cube(3), at_least=0.5, seed=3) for _ in range(2))
+    for _ in range(9):  # across several fits of the kernel
+        points = often.ask(40).points
+        assert np.array_equal(once.ask(40).points, points)
+        often.tell(points, bent(points))
+        once.tell(points, bent(points))
+        asked = often.result
+    assert asked is not None
+    result = once.result
+    assert result is not None
+    assert (asked.passing, asked.failing, asked.not_known) == (result.passing, result.failing, result.not_known)
+
+
 def test_only_legal_points_are_asked_for_and_a_bound_out_of_range_is_refused() -> None:
     cube = Cube(2, lambda points: points[:, 0] < 0.5)
     strategy = Map(cube, at_least=0.5, seed=0)

@@ -24,7 +24,9 @@ def test_predictions_are_those_of_scikit_learn() -> None:
     process = Process(KERNEL, POINTS, VALUES)
     model = peer(np.arange(60))
     mean, covariance = model.predict(asked, return_cov=True)
-    seen = process.seen(asked)
+    covariances = process.covariance(asked)
+    seen = process.seen(covariances)
+    assert process.mean(covariances) == pytest.approx(mean + VALUES.mean(), rel=1e-6)
     assert process.predict(seen)[0] == pytest.approx(mean + VALUES.mean(), rel=1e-6)
     assert process.predict(seen)[1] ** 2 == pytest.approx(np.diag(covariance) - 0.1, rel=1e-5)
     assert KERNEL(asked, asked) - seen.T @ seen == pytest.approx(covariance - 0.1 * np.eye(20), abs=1e-7)
@@ -39,10 +41,17 @@ def test_a_held_out_prediction_is_that_of_a_process_without_the_point() -> None:
 
 def test_an_extended_process_is_one_of_all_points() -> None:
     asked = np.random.default_rng(7).random((20, 3))
-    extended = Process(KERNEL, POINTS, VALUES, Process(KERNEL, POINTS[:40], VALUES[:40]))
+    before = Process(KERNEL, POINTS[:40], VALUES[:40])
+    extended = Process(KERNEL, POINTS, VALUES, before)
     whole = Process(KERNEL, POINTS, VALUES)
-    for found, expected in zip(extended.predict(extended.seen(asked)), whole.predict(whole.seen(asked)), strict=True):
-        assert found == pytest.approx(expected, rel=1e-9)
+    first = whole.seen(whole.covariance(asked)[:40])
+    assert first == pytest.approx(before.seen(before.covariance(asked)), rel=1e-9)
+    assert (whole.deviation(first) > whole.deviation(whole.seen(whole.covariance(asked)))).all()
+    seen = extended.seen(extended.covariance(asked, 40), first)
+    expected = whole.seen(whole.covariance(asked))
+    assert seen == pytest.approx(expected, rel=1e-9)
+    for found, wanted in zip(extended.predict(seen), whole.predict(expected), strict=True):
+        assert found == pytest.approx(wanted, rel=1e-9)
     assert extended.held_out() == pytest.approx(whole.held_out(), rel=1e-9)
 
 
