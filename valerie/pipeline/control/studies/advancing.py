@@ -142,7 +142,7 @@ class StudyKeeper:
         stored = resolve_stored(run, self._context.settings)
         with reading(self._context.engine) as connection:
             rows = (person.row for person in evaluated_persons(connection, stored))
-            price = studies.price(connection, run.id)
+            price = studies.cpu_seconds(connection, run.id)
             outcomes = resolved.outcomes(rows, len(batch.points), batch.rejected, price)
         with writing(self._context.engine) as connection:
             studies.end(connection, study.id, batch.number, outcomes)
