@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime
 from itertools import takewhile
+from operator import attrgetter
 from typing import Final, Unpack
 
 import structlog
@@ -257,7 +258,7 @@ class StudyKeeper:
 def informed_pursuit(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
     """Return a pursuit that has been told every batch before the first unfinished one."""
     pursuit = Pursuit(resolved)
-    pursuit.follow([*takewhile(_ended, batches)], everything=True)
+    pursuit.follow([*takewhile(attrgetter("ended"), batches)], everything=True)
     return pursuit
 
 
@@ -277,7 +278,3 @@ def basis_digest(study: StudyRow, basis: Sequence[BatchRow]) -> str:
         None if batch.outcomes is None else batch.outcomes.model_dump(mode="json", exclude_none=True) for batch in basis
     ]
     return digest("study-basis", [study.document.digest, outcomes])
-
-
-def _ended(batch: BatchRow) -> bool:
-    return batch.ended
