@@ -148,11 +148,7 @@ def gate(
 
 
 def _baseline(reference: str | None, run: GateRun, read: Callable[[str], GateRun]) -> GateRun | str | None:
-    """Return a function of the run by its name, or another run.
-
-    Raises:
-        UnknownName: neither exists.
-    """
+    """Return a function of the run by its name, or another run."""
     from valerie.analysis.verdicts.gate import called
 
     if reference is None or called(reference, run) is not None:

@@ -303,13 +303,7 @@ def _see_to_its_end(
 ) -> Exit:
     """Show the progress of a run, then its result; return the exit code.
 
-    Args:
-        system: that works on the run.
-        run: the run.
-        report: file for its report.
-        again: command that continues the run, if the user stops this one.
-        data_dir: option of the command.
-        json_lines: True prints JSON lines instead.
+    If the user stops this command, ``again`` is the one that continues the run.
     """
     from valerie.cli.following import exit_code, follow, show_result
     from valerie.local.display import display_of
