@@ -63,7 +63,7 @@ def links_of(run_id: str | BindParameter[str]) -> Subquery:
     return union(*(select(column).where(table.run_id == run_id) for table, column in PRODUCT_LINKS)).subquery()
 
 
-def with_products(query: Select[Any]) -> Select[Any]:
+def with_products(query: Select[*tuple[Any, ...]]) -> Select[*tuple[Any, ...]]:
     """Join a query of frames with their backgrounds, layers and truths."""
     for product, column in ((BACKGROUND, Frame.background), (LAYER, Frame.layer), (TRUTH, Frame.truth)):
         query = query.join(product, product.digest == column)

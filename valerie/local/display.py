@@ -31,7 +31,8 @@ class Display(Protocol):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Keep what is shown."""
+        """Leave what is shown."""
+        return
 
     def update(self, progress: Progress) -> None:
         """Show the current progress."""
