@@ -7,12 +7,17 @@ import os
 import resource
 import signal
 from collections.abc import Iterator
+from contextlib import closing
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from valerie.rendering.ground_truth import TruthPass
+    from valerie.rendering.raster.renderer import RasterRenderer
 
 # A setting of the developer's shell must not decide what a test sees.
 for _name in [name for name in os.environ if name.startswith("VALERIE_") and not name.startswith("VALERIE_TEST_")]:
@@ -47,6 +52,22 @@ def memory_limit_of_no_function() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_DATA, _MEMORY_LIMITS)
     yield
     resource.setrlimit(resource.RLIMIT_DATA, _MEMORY_LIMITS)
+
+
+@pytest.fixture(scope="session")
+def raster() -> Iterator[RasterRenderer]:
+    from valerie.rendering.raster.renderer import RasterRenderer
+
+    with closing(RasterRenderer()) as engine:
+        yield engine
+
+
+@pytest.fixture(scope="session")
+def truth_pass() -> Iterator[TruthPass]:
+    from valerie.rendering.ground_truth import TruthPass
+
+    with closing(TruthPass()) as truth_pass:
+        yield truth_pass
 
 
 @pytest.hookimpl(wrapper=True)

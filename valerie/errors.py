@@ -130,6 +130,6 @@ class InferenceError(ValerieError):
     """A perception function failed on a picture for good."""
 
 
-def _short(value: object, limit: int = 120) -> str:
+def _short(value: object) -> str:
     text = value if isinstance(value, str) else repr(value)
-    return text if len(text) <= limit else text[: limit - 1] + "…"
+    return text if len(text) <= 120 else text[:119] + "…"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Annotated, Any, Final
 
@@ -143,6 +144,15 @@ def install(app: FastAPI) -> None:
     async def defect(request: Request, error: Exception) -> JSONResponse:
         log.error("api.defect", path=request.url.path, exc_info=error)
         return problem(HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error", "internal error of the server; see its log")
+
+
+@contextmanager
+def named_by_address() -> Iterator[None]:
+    """Answer 404 to an unknown name: the address is wrong, not a field of a document."""
+    try:
+        yield
+    except UnknownName as error:
+        raise HTTPException(HTTPStatus.NOT_FOUND, str(error)) from None
 
 
 def _field_problem(error: InvalidInput) -> FieldProblem:

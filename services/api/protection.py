@@ -67,48 +67,22 @@ class Protection:
                 message["headers"] = [*headers, *((name, text) for name, text in _HEADERS if name not in present)]
             await send(message)
 
-        await self._guarded(scope, receive, with_headers)
+        try:
+            await self._guarded(scope, receive, with_headers)
+        except TransientError as error:
+            refusal = problem(HTTPStatus.SERVICE_UNAVAILABLE, "Temporarily unavailable", str(error))
+            await refusal(scope, receive, with_headers)
 
     async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
         request = Request(scope)
-        try:
-            caller = await self._caller(request)
-        except TransientError as error:
-            await problem(HTTPStatus.SERVICE_UNAVAILABLE, "Temporarily unavailable", str(error))(scope, receive, send)
-            return
-        request.state.caller = caller
-        address = request.client.host if request.client else ""
-        if seconds := self._rates.wait_for(f"address {address}" if caller is None else caller.name):
-            refusal = problem(
-                HTTPStatus.TOO_MANY_REQUESTS, "Too many requests", f"the limit is reached; again in {seconds} s"
-            )
-            refusal.headers["Retry-After"] = str(seconds)
-            await refusal(scope, receive, send)
-            return
-        if caller is None and not _is_open(request.url.path):
-            await run_in_threadpool(self._audit.refused, request, None, HTTPStatus.UNAUTHORIZED)
-            refusal = problem(
-                HTTPStatus.UNAUTHORIZED, "Unauthorized", "a valid bearer token is needed (Authorization header)"
-            )
-            refusal.headers["WWW-Authenticate"] = "Bearer"
-            await refusal(scope, receive, send)
-            return
-        if self._foreign(request):
-            await run_in_threadpool(self._audit.refused, request, caller, HTTPStatus.FORBIDDEN)
-            refusal = problem(
-                HTTPStatus.FORBIDDEN,
-                "Forbidden",
-                "requests from pages of other sites, or to another host name, are refused",
-            )
-            await refusal(scope, receive, send)
-            return
+        caller = request.state.caller = await self._caller(request)
         limit = self._limit_of(request)
-        declared = request.headers.get("content-length", "0")
-        if not _NUMBER.fullmatch(declared) or int(declared) > limit:
-            await _too_large(declared, limit)(scope, receive, send)
+        refusal = await self._refusal(request, caller, limit)
+        if refusal is not None:
+            await refusal(scope, receive, send)
             return
         if limit > self._limit:
-            await self._passed_on(scope, _counted(receive, limit, self._seconds), send, caller)
+            await self._audit.watched(self._app, scope, _counted(receive, limit, self._seconds), send, caller)
             return
         try:
             async with asyncio.timeout(self._seconds):
@@ -129,13 +103,32 @@ class Protection:
             sent = True
             return {"type": "http.request", "body": body, "more_body": False}
 
-        await self._passed_on(scope, replay, send, caller)
+        await self._audit.watched(self._app, scope, replay, send, caller)
 
-    async def _passed_on(self, scope: Scope, receive: Receive, send: Send, caller: Caller | None) -> None:
-        try:
-            await self._audit.watched(self._app, scope, receive, send, caller)
-        except TransientError as error:
-            await problem(HTTPStatus.SERVICE_UNAVAILABLE, "Temporarily unavailable", str(error))(scope, receive, send)
+    async def _refusal(self, request: Request, caller: Caller | None, limit: int) -> Response | None:
+        """Return the answer to a request that is refused before its body is read; None if it is not."""
+        address = request.client.host if request.client else ""
+        if seconds := self._rates.wait_for(f"address {address}" if caller is None else caller.name):
+            refusal = problem(
+                HTTPStatus.TOO_MANY_REQUESTS, "Too many requests", f"the limit is reached; again in {seconds} s"
+            )
+            refusal.headers["Retry-After"] = str(seconds)
+            return refusal
+        if caller is None and not _is_open(request.url.path):
+            await run_in_threadpool(self._audit.refused, request, None, HTTPStatus.UNAUTHORIZED)
+            refusal = problem(
+                HTTPStatus.UNAUTHORIZED, "Unauthorized", "a valid bearer token is needed (Authorization header)"
+            )
+            refusal.headers["WWW-Authenticate"] = "Bearer"
+            return refusal
+        if self._foreign(request):
+            await run_in_threadpool(self._audit.refused, request, caller, HTTPStatus.FORBIDDEN)
+            detail = "requests from pages of other sites, or to another host name, are refused"
+            return problem(HTTPStatus.FORBIDDEN, "Forbidden", detail)
+        declared = request.headers.get("content-length", "0")
+        if not _NUMBER.fullmatch(declared) or int(declared) > limit:
+            return _too_large(declared, limit)
+        return None
 
     def _limit_of(self, request: Request) -> int:
         """Return the limit of this request's body in bytes, which is higher for files of functions and label maps."""

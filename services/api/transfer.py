@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 from collections.abc import Callable
+from functools import cache
 from hashlib import blake2b
 from http import HTTPStatus
 from typing import Annotated, Final
@@ -21,6 +22,12 @@ _GZIP: Final = re.compile(r"\bgzip\b(?!\s*;\s*q=0(?:\.0*)?\s*(?:,|$))", re.ASCII
 _CACHE: Final = "private, no-cache"
 
 _ETAG: Final = f'"{DIGEST}"'
+#: Form of a table to its media type.
+TABLES: Final = {
+    "csv": "text/csv; charset=utf-8",
+    "parquet": "application/vnd.apache.parquet",
+    "arrow": "application/vnd.apache.arrow.stream",
+}
 
 
 IfNoneMatch = Annotated[
@@ -70,6 +77,16 @@ class RequestConditions:
 ConditionsDependency = Annotated[RequestConditions, Depends()]
 
 
+def as_file(name: str) -> dict[str, str]:
+    """Return the header by which a browser saves an answer as a file."""
+    return {"Content-Disposition": f'attachment; filename="{name}"'}
+
+
+def send_table(content: bytes, stem: str, form: str) -> Response:
+    """Return a table as a file; ``form`` is one of `TABLES`, and the suffix."""
+    return Response(content, media_type=TABLES[form], headers=as_file(f"{stem}.{form}"))
+
+
 def send_page(page: BaseModel, *, known: str | None, encodings: str | None) -> Response:
     """Return a page of a list that clients poll: 304 Not Modified, or JSON, compressed if possible.
 
@@ -90,6 +107,26 @@ def send_page(page: BaseModel, *, known: str | None, encodings: str | None) -> R
 
 
 def send(
+    conditions: RequestConditions,
+    *,
+    tag: str,
+    media_type: str,
+    content: Callable[[], bytes],
+    headers: dict[str, str] | None = None,
+) -> Response:
+    """Return content that is made in one piece, unless the client has it; see `send_parts`."""
+    made = cache(content)
+    return send_parts(
+        conditions,
+        tag=tag,
+        media_type=media_type,
+        size=lambda: len(made()),
+        read=lambda start, length: made()[start : start + length],
+        headers=headers,
+    )
+
+
+def send_parts(
     conditions: RequestConditions,
     *,
     tag: str,

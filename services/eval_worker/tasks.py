@@ -5,16 +5,12 @@ from __future__ import annotations
 from celery import Celery
 
 from valerie.broker import EVALUATE, FINISH
-from valerie.pipeline.work.child import Child
+from valerie.pipeline.work.child import Child, declare_task
 
 
 def register(app: Celery) -> Child:
     """Declare the tasks on ``app``, and return the holder of the child's context."""
-    child = Child()
-
-    @app.task(name=EVALUATE)  # type: ignore[untyped-decorator]
-    def evaluate(route: str) -> None:
-        child.serve(route)
+    child = declare_task(EVALUATE, app)
 
     @app.task(name=FINISH)  # type: ignore[untyped-decorator]
     def finish(run_id: str) -> None:

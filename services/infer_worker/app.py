@@ -7,11 +7,12 @@ from typing import Final
 
 import structlog
 
-from services.infer_worker.tasks import register
 from valerie import plugins
+from valerie.broker import INFER
 from valerie.errors import UnknownName
 from valerie.logs import configure_logging
 from valerie.pipeline.functions.probe import inference_names
+from valerie.pipeline.work.child import declare_task
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.workers import infer_offers, serve
 from valerie.runs.products.states import Stage
@@ -50,4 +51,4 @@ def main() -> None:
     for notice in plugins.look_at_installed():
         log.warning("worker.plugins", reason=notice)
     probe = partial(infer_offers, _functions(settings.infer_functions), _engines(settings.infer_engines))
-    serve(settings, Stage.INFER, probe=probe, register=register, open_maker=InferMaker)
+    serve(settings, Stage.INFER, probe=probe, register=partial(declare_task, INFER), open_maker=InferMaker)

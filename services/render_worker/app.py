@@ -6,9 +6,10 @@ from functools import partial
 
 import structlog
 
-from services.render_worker.tasks import register
 from valerie import plugins
+from valerie.broker import RENDER
 from valerie.logs import configure_logging
+from valerie.pipeline.work.child import declare_task
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.workers import render_offers, serve
 from valerie.runs.products.states import Stage
@@ -24,4 +25,4 @@ def main() -> None:
     for notice in plugins.look_at_installed():
         log.warning("worker.plugins", reason=notice)
     probe = partial(render_offers, settings.render_engines.split(","))
-    serve(settings, Stage.RENDER, probe=probe, register=register, open_maker=RenderMaker)
+    serve(settings, Stage.RENDER, probe=probe, register=partial(declare_task, RENDER), open_maker=RenderMaker)

@@ -20,13 +20,6 @@ pytestmark = pytest.mark.gl
 
 
 @pytest.fixture(scope="module")
-def raster() -> Iterator[Renderer]:
-    engine = RasterRenderer()
-    yield engine
-    engine.close()
-
-
-@pytest.fixture(scope="module")
 def pyrender() -> Iterator[Renderer]:
     engine = PyrenderRenderer()
     yield engine

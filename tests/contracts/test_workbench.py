@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 import valerie
 from services.api.app import create_app
-from tests.world.blank import SMALL, Pipeline
-from tests.world.boxes import write_box_street
+from tests.world.blank import SMALL, street_pipeline
 from tests.world.drawn import CHARACTERS, FUNCTIONS, DrawnRuns, draw_runs, spec
 from tests.world.serving import served
 from tests.world.street import Street
@@ -184,8 +183,7 @@ def test_a_folder_without_a_server_starts_nothing_and_waits_for_nothing(drawn: D
 
 
 def test_a_run_is_submitted_to_a_server_and_waited_for(tmp_path: Path) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets")
+    pipeline = street_pipeline(tmp_path)
     app = create_app(pipeline.context.settings, control=False)
     with served(app) as client, valerie.connect(str(client.base_url)) as workbench:
         run = workbench.submit(SMALL)

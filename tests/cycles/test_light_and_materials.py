@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -55,13 +54,6 @@ def ground(material: Material, *, sun: Sun, extra: tuple[Node, ...] = (), **scen
     environment = Environment(sky_strength=float(scene.pop("sky_strength", 1.0)))  # type: ignore[arg-type]
     parts = {"textures": {}, "cameras": {"camera-1": DOWN}, **scene}
     return Scene({n.path: n for n in (*nodes, *extra)}, materials, sun=sun, environment=environment, **parts)  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def raster() -> Iterator[RasterRenderer]:
-    engine = RasterRenderer()
-    yield engine
-    engine.close()
 
 
 @pytest.fixture

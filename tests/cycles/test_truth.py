@@ -7,7 +7,7 @@ these pixels are at most 1 % of those at silhouettes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -59,13 +59,6 @@ CROWDED: Mapping[str, float | str] = {
     "scene.motorcycle-101.pos.x": -1.0,
     "scene.motorcycle-101.pos.y": 20.0,
 }
-
-
-@pytest.fixture(scope="module")
-def truth_pass() -> Iterator[TruthPass]:
-    raster = TruthPass()
-    yield raster
-    raster.close()
 
 
 def traced(holder: BlenderHolder, scene: Scene, view: View) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:

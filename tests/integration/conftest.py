@@ -14,8 +14,12 @@ from typing import TYPE_CHECKING
 
 import psycopg
 import pytest
+from sqlalchemy import Engine
 
+from tests.world.blank import Pipeline, street_pipeline
 from tests.world.postgres import PostgresServer
+from valerie.db.engine import open_database
+from valerie.db.migrate import migrate
 from valerie.embedded import redis_server
 from valerie.settings import load_settings
 
@@ -59,6 +63,23 @@ def new_database() -> Iterator[Callable[[], str]]:
 def postgres_url(new_database: Callable[[], str]) -> str:
     """An empty database that the tests of a session share."""
     return new_database()
+
+
+@pytest.fixture
+def engine(new_database: Callable[[], str]) -> Iterator[Engine]:
+    """A migrated database on Postgres."""
+    engine = open_database(new_database())
+    migrate(engine)
+    yield engine
+    engine.dispose()
+
+
+@pytest.fixture
+def pipeline(new_database: Callable[[], str], tmp_path: Path) -> Iterator[Pipeline]:
+    """A pipeline on the street of boxes, with a database on Postgres."""
+    pipeline = street_pipeline(tmp_path, database_url=new_database())
+    yield pipeline
+    pipeline.context.engine.dispose()
 
 
 @pytest.fixture(scope="session")

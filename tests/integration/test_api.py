@@ -19,7 +19,7 @@ import structlog
 
 from services.api.app import create_app
 from tests.world.drawn import DrawnRuns, draw_runs, spec
-from tests.world.serving import served
+from tests.world.serving import every_item, served
 from tests.world.world import settings_of
 from valerie.logs import configure_logging
 
@@ -59,18 +59,7 @@ def table(deployment: Deployment) -> list[dict[str, Any]]:
 
 
 def walk(deployment: Deployment, **parameters: Any) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = []
-    cursor: str | None = None
-    while True:
-        answer = deployment.client.get(
-            f"/v1/runs/{deployment.finished}/evaluations",
-            params={"limit": 23, **parameters, **({"cursor": cursor} if cursor else {})},
-        )
-        assert answer.status_code == 200, answer.text
-        rows += answer.json()["items"]
-        cursor = answer.json()["next"]
-        if cursor is None:
-            return rows
+    return every_item(deployment.client, f"/v1/runs/{deployment.finished}/evaluations", limit=23, **parameters)
 
 
 def test_database_broker_and_store_answer(deployment: Deployment) -> None:

@@ -10,7 +10,6 @@ import pytest
 from services.api.app import create_app
 from tests.world.archived import answers, counts_of, rows_of
 from tests.world.blank import SMALL, Pipeline
-from tests.world.boxes import write_box_street
 from tests.world.drawn import draw_runs
 from tests.world.serving import served
 from tests.world.world import settings_of
@@ -45,11 +44,7 @@ def test_archived_runs_are_shown_as_before_and_come_back(new_database: Callable[
     context.engine.dispose()
 
 
-def test_a_reader_sees_all_rows_while_they_leave_and_gc_keeps_the_objects(
-    new_database: Callable[[], str], tmp_path: Path
-) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
+def test_a_reader_sees_all_rows_while_they_leave_and_gc_keeps_the_objects(pipeline: Pipeline) -> None:
     context = pipeline.context
     run = pipeline.submit(SMALL)
     assert pipeline.run(run) == "completed"
@@ -72,4 +67,3 @@ def test_a_reader_sees_all_rows_while_they_leave_and_gc_keeps_the_objects(
     restore_rows(context, run)
     with reading_run(context.engine, run) as connection:
         assert sorted(long_table.rows(connection, run), key=repr) == before
-    context.engine.dispose()

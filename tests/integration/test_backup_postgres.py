@@ -22,10 +22,8 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
 
 def test_a_backup_of_postgres_is_restored_into_an_empty_database(
-    new_database: Callable[[], str], tmp_path: Path
+    pipeline: Pipeline, new_database: Callable[[], str], tmp_path: Path
 ) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
     run = pipeline.submit(SMALL)
     assert pipeline.run(run) == "completed"
     stage = f"stage_{os.getpid()}"
@@ -47,7 +45,6 @@ def test_a_backup_of_postgres_is_restored_into_an_empty_database(
     with pytest.raises(Conflict, match="has tables"):
         restore(other, tmp_path / "backup")
     engine.dispose()
-    pipeline.context.engine.dispose()
 
 
 def test_a_run_is_copied_from_postgres_to_sqlite_and_to_another_postgres(

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import pytest
 
 from tests.world.blank import Pipeline
-from tests.world.boxes import write_box_street
 from valerie.db import deliveries
 from valerie.db.deliveries import RunEnding
 from valerie.db.engine import reading, writing
@@ -18,14 +15,6 @@ from valerie.pipeline.control import lifecycle
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
 NOW = 1_000.0
-
-
-@pytest.fixture
-def pipeline(tmp_path: Path, new_database: Callable[[], str]) -> Iterator[Pipeline]:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
-    yield pipeline
-    pipeline.context.engine.dispose()
 
 
 def due(pipeline: Pipeline, now: float = NOW) -> list[RunEnding]:

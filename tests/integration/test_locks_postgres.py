@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
@@ -10,8 +10,7 @@ from sqlalchemy import Connection, Engine, func, insert, inspect, select, text, 
 
 from tests.integration.waiting import locked, wait_for_locks
 from valerie.db import claiming, products, publishing, sweeping
-from valerie.db.engine import open_database, writing
-from valerie.db.migrate import migrate
+from valerie.db.engine import writing
 from valerie.db.models import Product
 from valerie.db.products import Wanted
 from valerie.db.publishing import Finished
@@ -34,17 +33,14 @@ ALL = [A, B, C]
 
 
 @pytest.fixture
-def engine(new_database: Callable[[], str]) -> Iterator[Engine]:
-    engine = open_database(new_database())
-    migrate(engine)
+def engine(engine: Engine) -> Engine:
     with writing(engine) as connection:
         # Of two plans one reads the table and one the index of the primary key, which have the rows in opposite orders.
         for index in inspect(connection).get_indexes("products"):
             connection.execute(text(f'DROP INDEX "{index["name"]}"'))
         for name in (C, B, A):
             products.want(connection, [Wanted(name, ProductKind.LAYER, "render", "g")], 0.0, Turns())
-    yield engine
-    engine.dispose()
+    return engine
 
 
 def set_state(engine: Engine, state: ProductState) -> None:

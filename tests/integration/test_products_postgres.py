@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import accumulate
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,11 +13,10 @@ from sqlalchemy import Engine, select, text
 
 from tests.integration.waiting import wait_for_locks
 from tests.world.blank import Pipeline
-from tests.world.boxes import spec, write_box_street
+from tests.world.boxes import spec
 from valerie.db import claiming, products, publishing, sweeping, totals
-from valerie.db.engine import database_time, open_database, writing
+from valerie.db.engine import database_time, writing
 from valerie.db.measured import SeenPerson
-from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.db.products import Wanted
 from valerie.db.publishing import Finished
@@ -41,22 +38,6 @@ WANTED: list[Wanted] = [
     Wanted(digest("l"), ProductKind.LAYER, "render", "g"),
     Wanted(digest("p"), ProductKind.PREDICTION, "infer", "g", digest("l"), digest("b")),
 ]
-
-
-@pytest.fixture
-def engine(new_database: Callable[[], str]) -> Iterator[Engine]:
-    engine = open_database(new_database())
-    migrate(engine)
-    yield engine
-    engine.dispose()
-
-
-@pytest.fixture
-def pipeline(new_database: Callable[[], str], tmp_path: Path) -> Iterator[Pipeline]:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets", database_url=new_database())
-    yield pipeline
-    pipeline.context.engine.dispose()
 
 
 def finish(engine: Engine, *names: str) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -11,22 +10,13 @@ from sqlalchemy.exc import DatabaseError
 
 from valerie.access import Role
 from valerie.db import audit, tokens
-from valerie.db.engine import open_database, reading, writing
-from valerie.db.migrate import migrate
+from valerie.db.engine import reading, writing
 from valerie.errors import Conflict
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
 NOW = datetime(2026, 11, 21, 12, tzinfo=UTC)
 TOKEN = tokens.TokenRow("nightly", "Ada", Role.RUNNER, NOW, NOW + timedelta(days=1), scopes=("metrics", "runs"))
-
-
-@pytest.fixture
-def engine(new_database: Callable[[], str]) -> Iterator[Engine]:
-    engine = open_database(new_database())
-    migrate(engine)
-    yield engine
-    engine.dispose()
 
 
 def test_a_token_is_valid_until_it_expires_or_is_revoked(engine: Engine) -> None:

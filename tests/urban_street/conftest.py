@@ -1,14 +1,10 @@
-"""The street and the engines that draw it: made once, since meshes and textures are built when they are first looked at."""
-
-from collections.abc import Iterator
+"""The street: made once, since meshes and textures are built when they are first looked at."""
 
 import pytest
 
 from urban_street.street.build import StreetContent, build_street
 from urban_street.street.layout import layout_street
 from urban_street.street.plan import StreetSettings
-from valerie.rendering.ground_truth import TruthPass
-from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.scene.assets.asset import SceneAsset, load_asset
 
 
@@ -22,17 +18,3 @@ def asset() -> SceneAsset:
 def content() -> StreetContent:
     """Return all parts of the street with default arguments, without persons and traffic."""
     return build_street(layout_street(StreetSettings()))
-
-
-@pytest.fixture(scope="session")
-def truth_pass() -> Iterator[TruthPass]:
-    opened = TruthPass()
-    yield opened
-    opened.close()
-
-
-@pytest.fixture(scope="session")
-def raster() -> Iterator[RasterRenderer]:
-    opened = RasterRenderer()
-    yield opened
-    opened.close()

@@ -37,10 +37,15 @@ class Pipeline(World):
         return super().submit(document, **keywords)
 
 
-def completed_run(folder: Path, **more: Any) -> tuple[Pipeline, str]:
-    """Return a completed run of `SMALL` with ``more`` below ``folder`` (``data``, ``assets``), and its id."""
+def street_pipeline(folder: Path, **settings: Any) -> Pipeline:
+    """Return a pipeline with ``data`` and ``assets``, the street of boxes, below ``folder``."""
     write_box_street(folder / "assets" / "box-street")
-    pipeline = Pipeline(folder / "data", folder / "assets")
+    return Pipeline(folder / "data", folder / "assets", **settings)
+
+
+def completed_run(folder: Path, **more: Any) -> tuple[Pipeline, str]:
+    """Return a completed run of `SMALL` with ``more`` below ``folder``, and its id."""
+    pipeline = street_pipeline(folder)
     run_id = pipeline.submit(SMALL | more)
     assert pipeline.run(run_id) == "completed"
     return pipeline, run_id

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import httpx
 import uvicorn
@@ -55,3 +56,18 @@ def served(
         server.should_exit = True
         thread.join(timeout=10)
         listener.close()
+
+
+def every_item(client: httpx.Client, path: str, *, limit: int, **parameters: Any) -> list[dict[str, Any]]:
+    """Return the items of all pages of a list, ``limit`` a page."""
+    items: list[dict[str, Any]] = []
+    cursor: dict[str, str] = {}
+    while True:
+        answer = client.get(path, params={"limit": limit, **parameters, **cursor})
+        assert answer.status_code == 200, answer.text
+        page = answer.json()
+        items += page["items"]
+        if page["next"] is None:
+            assert page.get("total", len(items)) == len(items)
+            return items
+        cursor = {"cursor": page["next"]}

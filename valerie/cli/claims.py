@@ -12,7 +12,7 @@ import typer
 
 from valerie.cli.gate import run_reader
 from valerie.cli.results import say_differing
-from valerie.cli.shell import AsJson, DataDir, RunIds, print_json, require_format, write_output
+from valerie.cli.shell import AsJson, DataDir, RunIds, UrlOrFolder, print_json, require_format, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of
 from valerie.local.spec_files import read_spec
@@ -34,9 +34,7 @@ def claims(
         typer.Option("--output", "-o", metavar="FILE", help="Also write the ledger: FILE.csv, .parquet, .json or .md."),
     ] = None,
     as_json: AsJson = False,
-    url: Annotated[
-        str | None, typer.Option("--url", help="Address of a server.", show_default="read the data folder")
-    ] = None,
+    url: UrlOrFolder = None,
     data_dir: DataDir = None,
 ) -> None:
     """Test the claims of a document on an ended run, or on several runs combined, such as of one grid on several sites.

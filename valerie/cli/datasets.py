@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -14,7 +13,7 @@ import typer
 
 from valerie.cli.frames import Annotations, annotation_names
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, say
+from valerie.cli.shell import AsJson, DataDir, print_json, say
 from valerie.errors import InvalidInput, UnknownName
 from valerie.local.deployment import context_of
 
@@ -109,13 +108,14 @@ def export(
     with context_of(data_dir) as context:
         dataset = export_run(context, run, out, settings, progress=tell)
     if as_json:
-        document = {
-            "folder": str(dataset.folder),
-            "frames": dict(dataset.frames),
-            "left_out": dataset.left_out,
-            "polygons_lose_percent": dict(dataset.polygons_lose_percent),
-        }
-        typer.echo(json.dumps(document))
+        print_json(
+            {
+                "folder": str(dataset.folder),
+                "frames": dict(dataset.frames),
+                "left_out": dataset.left_out,
+                "polygons_lose_percent": dict(dataset.polygons_lose_percent),
+            }
+        )
         return
     split_text = ", ".join(f"{count:,} {split}" for split, count in dataset.frames.items())
     rest = f"; {dataset.left_out:,} finished frames do not meet the expression" if dataset.left_out else ""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide, print_json
 from valerie.local.deployment import context_of, settings_of
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def export(
         folder = out or settings_of(data_dir).data_dir.parent / "evidence" / run_id
         evidence = export_evidence(context, run_id, folder, key=key)
     if as_json:
-        typer.echo(json.dumps(asdict(evidence) | {"folder": str(evidence.folder)}))
+        print_json(asdict(evidence) | {"folder": str(evidence.folder)})
         return
     signature = f"signed by key {evidence.signer}" if evidence.signer else "not signed"
     typer.echo(f"{evidence.folder}: {evidence.files:,} files, {evidence.frames:,} frames; {signature}")
@@ -87,7 +86,7 @@ def verify(
     except Refused as error:
         code = decide(Exit.COMPLETED_WITH_FAILURES)
         if as_json:
-            typer.echo(json.dumps({"problems": error.problems}))
+            print_json({"problems": error.problems})
         else:
             typer.echo(f"{folder}: refused")
             for problem in error.problems:
@@ -99,9 +98,7 @@ def verify(
     )
     decide(code)
     if as_json:
-        typer.echo(
-            json.dumps(asdict(verified) | {"problems": [], "replayed": [asdict(picture) for picture in pictures]})
-        )
+        print_json(asdict(verified) | {"problems": [], "replayed": list(map(asdict, pictures))})
     else:
         unknown = ", signer unknown" if verified.signed else f". {UNSIGNED}."
         signer = f", signed by key {verified.signer}" if verified.signer else unknown

@@ -11,8 +11,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide, print_json, write_output
-from valerie.errors import InvalidInput, NotFound, UnknownName
+from valerie.cli.shell import (
+    AsJson,
+    DataDir,
+    Exit,
+    RunId,
+    UrlOrFolder,
+    decide,
+    print_json,
+    require_format,
+    write_output,
+)
+from valerie.errors import NotFound, UnknownName
 from valerie.local.terminal import console
 from valerie.plain import typed
 
@@ -81,16 +91,6 @@ class VerdictFiles:
         typer.Option("--output", "-o", metavar="FILE", help="Also write the verdicts: FILE.csv, .parquet or .json."),
     ] = None
 
-    def require_known_format(self) -> None:
-        """Check the name of the file for the verdicts.
-
-        Raises:
-            InvalidInput: it has no known format.
-        """
-        if self.output is not None and self.output.suffix not in (".csv", ".parquet", ".json"):
-            value, limit = str(self.output), ".csv, .parquet or .json"
-            raise InvalidInput("unknown file format", field="--output", value=value, limit=limit)
-
     def write(self, result: GateResult) -> None:
         """Write the requested files."""
         from valerie.analysis.verdicts.junit import junit_xml
@@ -111,9 +111,7 @@ def gate(
         bool, typer.Option("--allow-undecided", help="Let undecided requirements and comparisons pass.")
     ] = False,
     as_json: AsJson = False,
-    url: Annotated[
-        str | None, typer.Option("--url", help="Address of a server.", show_default="read the data folder")
-    ] = None,
+    url: UrlOrFolder = None,
     data_dir: DataDir = None,
 ) -> None:
     """Exit with 6 unless a run meets its requirements and is not worse than the baseline in any slice.
@@ -125,7 +123,7 @@ def gate(
     """
     from valerie.analysis.verdicts.gate import gate as judge
 
-    files.require_known_format()
+    require_format(files.output, (".csv", ".parquet", ".json"))
     read = run_reader(url, data_dir)
     run = read(run_id)
     if places.before:
@@ -150,11 +148,7 @@ def gate(
 
 
 def _baseline(reference: str | None, run: GateRun, read: Callable[[str], GateRun]) -> GateRun | str | None:
-    """Return a function of the run by its name, or another run.
-
-    Raises:
-        UnknownName: neither exists.
-    """
+    """Return a function of the run by its name, or another run."""
     from valerie.analysis.verdicts.gate import called
 
     if reference is None or called(reference, run) is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from contextlib import ExitStack, nullcontext
@@ -123,7 +122,7 @@ def gc(
         with nullcontext() if dry_run else recorded(context, "gc"):
             space = collect(context, dry_run=dry_run)
     if as_json:
-        typer.echo(json.dumps({"products": space.products, "objects": space.objects, "bytes": space.bytes}))
+        print_json({"products": space.products, "objects": space.objects, "bytes": space.bytes})
         return
     verb = "would remove" if dry_run else "removed"
     typer.echo(
@@ -236,8 +235,7 @@ def audit(as_json: AsJson = False, data_dir: DataDir = None) -> None:
     with context_of(data_dir) as context, reading(context.engine) as connection:
         for number, entry in entries(connection):
             if as_json:
-                document = {"number": number, **asdict(entry), "at": entry.at.isoformat()}
-                print_json(document)
+                print_json({"number": number, **asdict(entry), "at": entry.at.isoformat()})
                 continue
             who = (entry.owner if entry.caller == COMMAND else entry.caller) or "nobody"
             outcome = "…" if entry.status is None else entry.status

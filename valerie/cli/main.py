@@ -111,12 +111,9 @@ app.command(rich_help_panel=_PARTS)(machine.migrate)
 
 def _print_version(requested: bool) -> None:
     if requested:
-        from importlib.metadata import PackageNotFoundError, version
+        from valerie.pipeline.base.environment import software
 
-        try:
-            typer.echo(f"valerie {version('valerie')}")
-        except PackageNotFoundError:
-            typer.echo("valerie, not installed (run from its source)")
+        typer.echo(software())
         raise typer.Exit
 
 

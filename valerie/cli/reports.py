@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, RunId, RunIds, Url, print_json, require_format, save, write_output
+from valerie.cli.shell import (
+    AsJson,
+    DataDir,
+    ReportFile,
+    RunId,
+    RunIds,
+    Url,
+    print_json,
+    require_format,
+    save,
+    write_output,
+)
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import console
@@ -25,10 +36,7 @@ if TYPE_CHECKING:
 
 def report(
     run_ids: RunIds,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File to write.", show_default="reports/ next to the data folder"),
-    ] = None,
+    output: ReportFile = None,
     claims: Annotated[
         Path | None,
         typer.Option("--claims", metavar="FILE", help="Also test these claims, such as examples/claims/paper.yaml."),

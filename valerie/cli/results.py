@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.datasets import Where
-from valerie.cli.shell import AsJson, DataDir, RunId, RunIds, say
-from valerie.errors import InvalidInput
+from valerie.cli.shell import AsJson, DataDir, RunId, RunIds, require_format, say
 from valerie.local.deployment import context_of
 from valerie.local.terminal import console
 from valerie.plain import typed
@@ -80,8 +79,7 @@ def rows(
     from valerie.pipeline.reading.selection import evaluated_persons, run_where
     from valerie.pipeline.reading.tables import read_table
 
-    if output is not None and output.suffix not in (".csv", ".parquet"):
-        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv or .parquet")
+    require_format(output, (".csv", ".parquet"))
     with context_of(data_dir) as context:
         run = read_run(context, run_id)
         table = read_table(context.engine, run)

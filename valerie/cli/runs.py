@@ -16,7 +16,19 @@ import typer
 
 from valerie.cli.option_documents import takes_documents
 from valerie.cli.registering import Remote, open_registry
-from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, print_json, save, say
+from valerie.cli.shell import (
+    AsJson,
+    DataDir,
+    EndWithParent,
+    Exit,
+    ReportOfRun,
+    RunId,
+    Stopped,
+    Url,
+    print_json,
+    save,
+    say,
+)
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -35,10 +47,7 @@ SpecFile = Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON fil
 def run(
     spec: SpecFile,
     functions: Functions = None,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
-    ] = None,
+    report: ReportOfRun = None,
     claims: Annotated[
         Path | None,
         typer.Option("--claims", metavar="FILE", help="Also test these claims, and include them in the report."),
@@ -211,8 +220,7 @@ def status(
             return
         run, progress = source.run(run_id), source.progress(run_id)
         if json_lines:
-            document = {"run": run.id, "name": run.name, **progress.model_dump(mode="json")}
-            print_json(document)
+            print_json({"run": run.id, "name": run.name, **progress.model_dump(mode="json")})
             return
         out = console()
         show_verdicts(source, run_id, progress)
@@ -295,13 +303,7 @@ def _see_to_its_end(
 ) -> Exit:
     """Show the progress of a run, then its result; return the exit code.
 
-    Args:
-        system: that works on the run.
-        run: the run.
-        report: file for its report.
-        again: command that continues the run, if the user stops this one.
-        data_dir: option of the command.
-        json_lines: True prints JSON lines instead.
+    If the user stops this command, ``again`` is the one that continues the run.
     """
     from valerie.cli.following import exit_code, follow, show_result
     from valerie.local.display import display_of

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, NoReturn, TextIO
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, NoReturn, TextIO
 
 import typer
 
@@ -56,6 +56,12 @@ InferenceThreads = Annotated[
     int | None,
     typer.Option("--threads", min=1, help="CPU threads of the inference engine.", show_default="the same as workers"),
 ]
+UrlOrFolder = Annotated[
+    str | None, typer.Option("--url", help="Address of a server.", show_default="read the data folder")
+]
+_IN_REPORTS: Final = "reports/ next to the data folder"
+ReportOfRun = Annotated[Path | None, typer.Option("--report", help="File for the report.", show_default=_IN_REPORTS)]
+ReportFile = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.", show_default=_IN_REPORTS)]
 RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run, as `valerie status` lists it.")]
 RunIds = Annotated[list[str], typer.Argument(metavar="RUN", help="Ids of runs, as `valerie status` lists them.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]

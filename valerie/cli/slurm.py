@@ -69,11 +69,7 @@ def submit(
 
 
 def _require_shared(settings: Settings) -> None:
-    """Check that other machines can use the database.
-
-    Raises:
-        InvalidInput: it is SQLite, whose locks do not work on network file systems.
-    """
+    """Refuse SQLite, whose locks do not work on network file systems."""
     if settings.database_url.startswith("sqlite"):
         raise InvalidInput(
             "jobs on several nodes need a database server",
@@ -118,12 +114,7 @@ def _command(stage: str, count: int, options: list[str], data_dir: Path) -> list
 
 
 def _submitted(command: list[str], environment: dict[str, str]) -> str:
-    """Return the job's id.
-
-    Raises:
-        MissingDependency: there is no sbatch.
-        InvalidInput: sbatch refuses the job.
-    """
+    """Submit a job, and return its id."""
     (Path(environment["VALERIE_DATA_DIR"]) / "logs").mkdir(parents=True, exist_ok=True)
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.registering import Opening, functions_named, open_registry, say_missing_files
-from valerie.cli.shell import AsJson, DataDir, Url, say, write_output, write_template
+from valerie.cli.shell import AsJson, DataDir, Url, print_json, say, write_output, write_template
 from valerie.errors import InvalidInput
 from valerie.local.deployment import deployment_or_empty, has_database, migrate_database, settings_of
 from valerie.local.spec_files import read_spec
@@ -105,7 +104,7 @@ def _choose(text: bytes, settings: Settings, *, where: str | None, output: Path 
         truth_pass.close()
     selection = [v for v in variants if condition is None or any(map(condition.holds, v.rows))]
     for variant in selection if as_json else ():
-        typer.echo(json.dumps({"variant": variant.assignment.index, "rows": variant.rows}))
+        print_json({"variant": variant.assignment.index, "rows": variant.rows})
     say(f"{len(selection):,} of {len(variants):,} legal variants chosen")
     if len(variants) > 1:  # the first draws the statics
         cost = sum(variant.cpu_seconds for variant in variants[1:]) / (len(variants) - 1) / len(resolved.cameras)

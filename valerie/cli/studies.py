@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import AsJson, DataDir, Exit, RunId, Stopped, Url, decide, say, write_output, write_template
+from valerie.cli.shell import (
+    AsJson,
+    DataDir,
+    Exit,
+    ReportFile,
+    ReportOfRun,
+    RunId,
+    Stopped,
+    Url,
+    decide,
+    print_json,
+    say,
+    write_output,
+    write_template,
+)
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.spec_files import read_spec
@@ -98,10 +111,7 @@ def run(
     by_hand: Annotated[
         bool, typer.Option("--by-hand", help="Wait before each batch for `valerie study accept`.")
     ] = False,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
-    ] = None,
+    report: ReportOfRun = None,
     retrain: Annotated[
         bool,
         typer.Option("--retrain", help="If the requirement is not met, find failures, train on them and verify again."),
@@ -191,7 +201,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
         rounds = [
             (each.function, None if each.verification is None else each.verification.outcome) for each in flow.rounds
         ]
-        typer.echo(json.dumps({"outcome": flow.outcome, "ending": flow.ending, "rounds": rounds}))
+        print_json({"outcome": flow.outcome, "ending": flow.ending, "rounds": rounds})
     else:
         say(f"the requirement is {flow.outcome} after {len(flow.rounds)} round{'s' if len(flow.rounds) > 1 else ''}")
     raise typer.Exit(code)
@@ -303,10 +313,7 @@ def resume(study_id: StudyId, url: Url = None, data_dir: DataDir = None) -> None
 @app.command()
 def report(
     study_id: StudyId,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File to write.", show_default="reports/ next to the data folder"),
-    ] = None,
+    output: ReportFile = None,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:

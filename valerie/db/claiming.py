@@ -11,7 +11,7 @@ from sqlalchemy import ColumnElement, Connection, Executable, and_, bindparam, c
 
 from valerie.db.links import FRAME_COLUMNS, VARIANT_OF_FRAME, OfFrames, StoredFrame, same_frame
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, OwnerTurn, Product, Run, Variant
-from valerie.db.statements import READY, RUNNING, UNFINISHED, Values, among, in_order, insertion_into
+from valerie.db.statements import READY, RUNNING, UNFINISHED, UNLEASED, Values, among, in_order, insertion_into
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.states import ProductKind, ProductState, RunState
 from valerie.runs.products.turns import packet_size
@@ -165,9 +165,7 @@ def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: fl
             jobs.append(job)
     if orphans:
         connection.execute(
-            update(Product)
-            .where(Product.digest.in_(orphans))
-            .values(state=ProductState.PARKED, lease_owner=None, lease_until=None)
+            update(Product).where(Product.digest.in_(orphans)).values(state=ProductState.PARKED, **UNLEASED)
         )
     return jobs
 
@@ -253,11 +251,8 @@ def hand_back(
 
 def _let_go(connection: Connection, digests: Collection[str], owner: str, values: Values) -> None:
     dialect = connection.dialect.name
-    released = {"lease_owner": None, "lease_until": None, **values}
-    connection.execute(
-        update(Product).where(in_order(dialect, *held(dialect))).values(released),
-        {"digests": digests, "holder": owner},
-    )
+    released = update(Product).where(in_order(dialect, *held(dialect))).values({**UNLEASED, **values})
+    connection.execute(released, {"digests": digests, "holder": owner})
 
 
 def await_inputs(connection: Connection, digests: Collection[str], *, owner: str) -> None:

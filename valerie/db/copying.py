@@ -27,7 +27,7 @@ from valerie.db.models import (
     Score,
     Variant,
 )
-from valerie.db.statements import Values, among, insert_ignoring
+from valerie.db.statements import UNLEASED, Values, among, insert_ignoring
 from valerie.errors import Conflict
 from valerie.runs.products.states import ProductKind, ProductState
 
@@ -47,9 +47,7 @@ _CONTENTS: Final[Mapping[type[Base], InstrumentedAttribute[str]]] = {
 PARTS: Final = (FedBlock, Variant, Frame, Evaluation, FrameAnnotation)
 _MARKS: Final = (Note, MarkTag)
 _UNFINISHED: Final = (ProductState.WAITING, ProductState.READY, ProductState.RUNNING)
-_PARKED: Final = {
-    "state": ProductState.PARKED, "lease_owner": None, "lease_until": None, "sent_at": None, "not_before": None
-}  # fmt: skip
+_PARKED: Final = {"state": ProductState.PARKED, "sent_at": None, "not_before": None, **UNLEASED}
 #: All tables of `copy_contents`.
 TABLES: Final[tuple[type[Base], ...]] = (*PARTS, Product, *_CONTENTS)
 

@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import aliased
 
-from valerie.db.links import same_frame
+from valerie.db.links import BACKGROUND, LAYER, TRUTH, same_frame, with_products
 from valerie.db.models import Evaluation, FedBlock, Frame, FrameAnnotation, Product
 from valerie.runs.products.progress import BlockCounts
 from valerie.runs.products.states import ProductState
@@ -90,8 +90,7 @@ def _in_block(table: type[Frame | Evaluation]) -> ColumnElement[bool]:
 
 
 def _count_frames() -> Executable:
-    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
-    states = (background.state, layer.state, truth.state)
+    states = (BACKGROUND.state, LAYER.state, TRUTH.state)
     annotation = (
         select(literal(1))
         .select_from(FrameAnnotation)
@@ -101,18 +100,12 @@ def _count_frames() -> Executable:
     )
     unfinished = annotation.where(Product.state != ProductState.DONE).exists()
     broken = annotation.where(Product.state == ProductState.FAILED).exists()
-    return (
-        select(
-            func.count(),
-            _number(and_(*(state == ProductState.DONE for state in states), ~unfinished)),
-            _number(or_(*(state == ProductState.FAILED for state in states), broken)),
-        )
-        .select_from(Frame)
-        .join(background, background.digest == Frame.background)
-        .join(layer, layer.digest == Frame.layer)
-        .join(truth, truth.digest == Frame.truth)
-        .where(_in_block(Frame))
+    counts = select(
+        func.count(),
+        _number(and_(*(state == ProductState.DONE for state in states), ~unfinished)),
+        _number(or_(*(state == ProductState.FAILED for state in states), broken)),
     )
+    return with_products(counts.select_from(Frame)).where(_in_block(Frame))
 
 
 def _count_evaluations() -> Executable:

@@ -7,13 +7,15 @@ from functools import partial
 from itertools import groupby
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import BigInteger, Connection, Select, literal, select, tuple_
-from sqlalchemy.orm import aliased
+from sqlalchemy import BigInteger, Connection, literal, select, tuple_
 
 from valerie.db.links import (
+    BACKGROUND,
     FRAME_COLUMNS,
+    LAYER,
     LIGHT_OF_FRAME,
     LIGHT_OF_PERSON,
+    TRUTH,
     VARIANT_OF_FRAME,
     StoredFrame,
     among_frames,
@@ -21,6 +23,7 @@ from valerie.db.links import (
     frame_values,
     key_of,
     names_frame,
+    with_products,
 )
 from valerie.db.long_table import COLUMNS
 from valerie.db.measured import SEEN, SeenPerson
@@ -65,19 +68,13 @@ class ListedFrame(NamedTuple):
 
 def page(connection: Connection, run_id: str, *, after: FrameKey | None = None, limit: int) -> list[ListedFrame]:
     """Read the frames of a run after ``after``, in order."""
-    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
+    states = (
+        BACKGROUND.state.label("background_state"),
+        LAYER.state.label("layer_state"),
+        TRUTH.state.label("truth_state"),
+    )
     query = (
-        select(
-            *FRAME_COLUMNS,
-            background.state.label("background_state"),
-            layer.state.label("layer_state"),
-            truth.state.label("truth_state"),
-        )
-        .select_from(Frame)
-        .join(Variant, VARIANT_OF_FRAME)
-        .join(background, background.digest == Frame.background)
-        .join(layer, layer.digest == Frame.layer)
-        .join(truth, truth.digest == Frame.truth)
+        with_products(select(*FRAME_COLUMNS, *states).select_from(Frame).join(Variant, VARIANT_OF_FRAME))
         .where(Frame.run_id == run_id)
         .order_by(*frame_order(Frame))
         .limit(limit)
@@ -100,29 +97,14 @@ def finished(connection: Connection, run_id: str) -> Iterator[tuple[StoredFrame,
 
     A frame without persons yields one with instance 0.
     """
-    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
-    query: Select[Any] = (
-        select(
-            *FRAME_COLUMNS,
-            PersonView.instance_id,
-            PersonView.box,
-            PersonView.amodal_box,
-            *(COLUMNS[name] for name in (*SEEN, *_LIT)),
-        )
-        .select_from(Frame)
-        .join(Variant, VARIANT_OF_FRAME)
-        .join(background, background.digest == Frame.background)
-        .join(layer, layer.digest == Frame.layer)
-        .join(truth, truth.digest == Frame.truth)
+    of_person = (PersonView.instance_id, PersonView.box, PersonView.amodal_box)
+    measures = (COLUMNS[name] for name in (*SEEN, *_LIT))
+    query = (
+        with_products(select(*FRAME_COLUMNS, *of_person, *measures).select_from(Frame).join(Variant, VARIANT_OF_FRAME))
         .join(PersonView, PersonView.truth == Frame.truth)
         .outerjoin(FrameAnnotation, LIGHT_OF_FRAME)
         .outerjoin(PersonLight, LIGHT_OF_PERSON)
-        .where(
-            Frame.run_id == run_id,
-            background.state == ProductState.DONE,
-            layer.state == ProductState.DONE,
-            truth.state == ProductState.DONE,
-        )
+        .where(Frame.run_id == run_id, *(product.state == ProductState.DONE for product in (BACKGROUND, LAYER, TRUTH)))
         .order_by(*frame_order(Frame), PersonView.instance_id)
     )
     rows = connection.execution_options(yield_per=5_000).execute(query)

@@ -10,6 +10,7 @@ from sqlalchemy import (
     BindParameter,
     ColumnElement,
     Connection,
+    Select,
     Subquery,
     and_,
     bindparam,
@@ -19,9 +20,20 @@ from sqlalchemy import (
     tuple_,
     union,
 )
+from sqlalchemy.orm import aliased
 
 from valerie.db.archives import stored_in_archives
-from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Run, Variant
+from valerie.db.models import (
+    Assignment,
+    Evaluation,
+    Frame,
+    FrameAnnotation,
+    PersonLight,
+    PersonView,
+    Product,
+    Run,
+    Variant,
+)
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frame_keys import FrameKey, FrameProducts
 
@@ -40,6 +52,8 @@ PICTURE_LINKS: Final[tuple[tuple[OfFrames, Any], ...]] = (
 #: All links of a frame to products.
 PRODUCT_LINKS: Final = (*PICTURE_LINKS, (Evaluation, Evaluation.scores))
 
+#: The background, layer and truth of a frame, in a query that `with_products` has joined.
+BACKGROUND, LAYER, TRUTH = aliased(Product), aliased(Product), aliased(Product)
 #: Joins a frame with its variant.
 VARIANT_OF_FRAME = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)
 
@@ -47,6 +61,13 @@ VARIANT_OF_FRAME = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.v
 def links_of(run_id: str | BindParameter[str]) -> Subquery:
     """Return the digests of the products that a run links to, each once."""
     return union(*(select(column).where(table.run_id == run_id) for table, column in PRODUCT_LINKS)).subquery()
+
+
+def with_products(query: Select[*tuple[Any, ...]]) -> Select[*tuple[Any, ...]]:
+    """Join a query of frames with their backgrounds, layers and truths."""
+    for product, column in ((BACKGROUND, Frame.background), (LAYER, Frame.layer), (TRUTH, Frame.truth)):
+        query = query.join(product, product.digest == column)
+    return query
 
 
 def has_product(connection: Connection, digest: str, *, project: str) -> bool:

@@ -144,11 +144,7 @@ class LongRow(_Row):
 
 
 def _select(run_id: str, *, filters: Sequence[Filter] = (), lost: bool = False) -> Select[Any]:
-    """Return the SELECT of `COLUMNS` and the assignment, for the evaluated or the lost rows of a run.
-
-    Raises:
-        UnknownName: a filter names no column or comparison.
-    """
+    """Return the SELECT of `COLUMNS` and the assignment, for the evaluated or the lost rows of a run."""
     if lost:
         person = and_(PersonView.truth == Frame.truth, Evaluation.distorted.is_(False))
     else:

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 from sqlalchemy import ColumnElement, Connection, Executable, Row, bindparam, func, select, text, union, update
 
 from valerie.db.models import Product
-from valerie.db.statements import RUNNING, UNFINISHED, WAITING, among, in_order, insert_rows, lock
+from valerie.db.statements import RUNNING, UNFINISHED, UNLEASED, WAITING, among, in_order, insert_rows, lock
 from valerie.runs.products.ready import FailedInput, ProductError, Ready
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 from valerie.runs.products.turns import Turns
@@ -136,15 +136,7 @@ def revive(connection: Connection, digests: Collection[str]) -> None:
     connection.execute(
         update(Product)
         .where(in_order(dialect, among(dialect, Product.digest, digests), Product.state.in_(_TRIED_AGAIN)))
-        .values(
-            state=ProductState.WAITING,
-            attempts=0,
-            error=None,
-            lease_owner=None,
-            lease_until=None,
-            sent_at=None,
-            not_before=None,
-        )
+        .values(state=ProductState.WAITING, attempts=0, error=None, sent_at=None, not_before=None, **UNLEASED)
     )
 
 
@@ -220,7 +212,7 @@ def fail(connection: Connection, digest: str, *, owner: str | None, error: Produ
     changed = connection.execute(
         update(Product)
         .where(*condition, UNFINISHED)
-        .values(state=ProductState.FAILED, error=error, lease_owner=None, lease_until=None, finished_at=now)
+        .values(state=ProductState.FAILED, error=error, finished_at=now, **UNLEASED)
     )
     if changed.rowcount:
         fail_dependents(connection, [digest], now)

@@ -12,7 +12,7 @@ from sqlalchemy import Connection, bindparam, select, update
 from valerie.db.claiming import held
 from valerie.db.measured import FrameScore, MeasuredPerson, SeenPerson
 from valerie.db.models import PersonLight, PersonScore, PersonView, Picture, Product, Score
-from valerie.db.statements import insert_ignoring, lock
+from valerie.db.statements import UNLEASED, insert_ignoring, lock
 from valerie.measures import Measures
 from valerie.runs.products.states import ProductKind, ProductState
 
@@ -60,8 +60,7 @@ _DONE: Final = (
     .where(Product.__table__.c.digest == bindparam("product"))
     .values(
         state=ProductState.DONE,
-        lease_owner=None,
-        lease_until=None,
+        **UNLEASED,
         error=None,
         bytes=bindparam("size"),
         pixels=bindparam("area"),

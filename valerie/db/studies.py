@@ -180,11 +180,6 @@ def reset_retries(connection: Connection, study_id: str) -> None:
     )
 
 
-def price(connection: Connection, run_id: str) -> float:
-    """Return the CPU time, seconds, that the products of a run took, whenever they were made."""
-    return _cpu_seconds(connection, run_id)
-
-
 def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) -> None:
     """Write the outcomes of a batch and the CPU time spent on it, unless it has ended already."""
     row = connection.execute(
@@ -194,14 +189,14 @@ def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) 
     ).first()
     spent = 0.0
     if row is not None and row.run_id is not None and row.accepted_at is not None:
-        spent = _cpu_seconds(connection, row.run_id, Product.finished_at >= row.accepted_at.timestamp())
+        spent = cpu_seconds(connection, row.run_id, Product.finished_at >= row.accepted_at.timestamp())
     connection.execute(
         _of(study_id, number).where(StudyBatch.outcomes.is_(None)).values(outcomes=outcomes, cpu_seconds=spent)
     )
 
 
-def _cpu_seconds(connection: Connection, run_id: str, *conditions: ColumnElement[bool]) -> float:
-    """Return the CPU time of the products of a run that meet all conditions."""
+def cpu_seconds(connection: Connection, run_id: str, *conditions: ColumnElement[bool]) -> float:
+    """Return the CPU time, seconds, of the products of a run that meet all conditions."""
     links = links_of(run_id)
     query = select(func.sum(Product.cpu_seconds)).join(links, links.c[0] == Product.digest).where(*conditions)
     return float(connection.scalar(query) or 0.0)

@@ -10,7 +10,7 @@ from sqlalchemy import Connection, bindparam, delete, exists, or_, select, text,
 from valerie.db.links import PRODUCT_LINKS
 from valerie.db.models import Product, Run
 from valerie.db.products import READY_COLUMNS, fail, fail_dependents, lock_with_dependents, to_send
-from valerie.db.statements import READY, RUNNING, UNFINISHED, among, in_order
+from valerie.db.statements import READY, RUNNING, UNFINISHED, UNLEASED, among, in_order
 from valerie.runs.products.ready import Fault, Ready
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState, RunState
 
@@ -84,7 +84,7 @@ def take_back_expired(connection: Connection, *, now: float, max_attempts: int) 
     rows = connection.execute(
         update(Product)
         .where(*expired)
-        .values(state=ProductState.READY, lease_owner=None, lease_until=None, sent_at=now)
+        .values(state=ProductState.READY, sent_at=now, **UNLEASED)
         .returning(*READY_COLUMNS)
     )
     return to_send(rows)

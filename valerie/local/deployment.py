@@ -107,14 +107,28 @@ def migrate_database(settings: Settings) -> None:
     migrate_url(settings.database_url)
 
 
-@contextmanager
-def _opened(settings: Settings) -> Iterator[Context]:
+def open_current(settings: Settings) -> Context:
+    """Open a deployment with a database; the caller disposes of the engine.
+
+    Raises:
+        ValerieError: the database is of another version.
+    """
     from valerie.db.migrate import require_current
     from valerie.pipeline.base.context import open_context
 
     context = open_context(settings)
     try:
         require_current(context.engine)
+    except BaseException:
+        context.engine.dispose()
+        raise
+    return context
+
+
+@contextmanager
+def _opened(settings: Settings) -> Iterator[Context]:
+    context = open_current(settings)
+    try:
         yield context
     finally:
         context.engine.dispose()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
 from rich.bar import Bar
@@ -28,18 +27,19 @@ _BAR: Final = 24
 class Display(Protocol):
     """Shows progress; a context manager."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None:
+        """Leave what is shown."""
+        return
 
     def update(self, progress: Progress) -> None:
         """Show the current progress."""
         ...
 
 
-class LiveDisplay:
+class LiveDisplay(Display):
     """A table that is redrawn in place."""
 
     def __init__(self, title: str) -> None:
@@ -47,20 +47,18 @@ class LiveDisplay:
         self._live = Live(console=console(stderr=True), refresh_per_second=4, transient=False)
 
     def __enter__(self) -> Self:
-        self._live.__enter__()
+        self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._live.__exit__(kind, error, trace)
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
 
     def update(self, progress: Progress) -> None:
         """Redraw the table."""
         self._live.update(progress_table(self._title, progress))
 
 
-class LineDisplay:
+class LineDisplay(Display):
     """Prints a line whenever the state changes, and every few seconds if anything else changed."""
 
     def __init__(self, title: str) -> None:
@@ -68,14 +66,6 @@ class LineDisplay:
         self._shown_at = -_LINE_SECONDS
         self._shown: tuple[object, ...] = ()
         self._state = ""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass
 
     def update(self, progress: Progress) -> None:
         """Print a line if one is due."""
@@ -88,20 +78,12 @@ class LineDisplay:
         sys.stderr.flush()
 
 
-class JsonDisplay:
+class JsonDisplay(Display):
     """Prints a line with a JSON object to standard output whenever something changed."""
 
     def __init__(self, run_id: str) -> None:
         self._run_id = run_id
         self._shown: Progress | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass
 
     def update(self, progress: Progress) -> None:
         """Print the progress if it has changed."""

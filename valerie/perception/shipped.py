@@ -78,7 +78,7 @@ def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
         UnknownName, NotFound, InvalidInput: see `function_document`.
     """
     document = function_document(name, folder=folder)
-    return document.card(digest=_identity(document))
+    return document.card(digest=document.file.sha256)
 
 
 def load_function(
@@ -100,13 +100,7 @@ def load_function(
     """
     path = function_path(name, folder=folder)
     document = local_document(name, path, device=device, precision=precision)
-    return open_function(document, path, threads=threads, device=device, digest=_identity(document))
-
-
-def _identity(document: FunctionDocument) -> str:
-    """Return the digest of a shipped function: that of its file, which also holds its document."""
-    assert document.payload is not None, "a document of a file has a payload"
-    return document.payload.sha256
+    return open_function(document, path, threads=threads, device=device, digest=document.file.sha256)
 
 
 @lru_cache(maxsize=64)  # hashing 8 MB takes 5 ms; the stamp makes a replaced file a new entry

@@ -331,20 +331,21 @@ def departure(curve: Curve, by: float) -> Departure:
 
 
 def contradicted_bins(
-    fitted: ArrayLike, x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int = 0, confidence: float = 0.95
+    fitted: ArrayLike, x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int = 0
 ) -> tuple[int, ...]:
     """Return the bins of x whose average any curve, such as a polynomial, misses by more than chance.
+
+    With 95 % probability, no bin contradicts a true curve.
 
     Args:
         fitted: (N,) the curve at each row's x.
         x, values, places, seed: as for `fit_curve`.
-        confidence: probability that no bin contradicts a true curve.
     """
     data = _sums(x, values, places, seed)
     if data is None:
         return ()
     averages = data.averages(np.asarray(fitted, np.float64)[data.used])
-    return tuple(np.flatnonzero(_Band(data, True, confidence, seed).leaves_out(averages)).tolist())
+    return tuple(np.flatnonzero(_Band(data, True, 0.95, seed).leaves_out(averages)).tolist())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
-from functools import cache
 from typing import Final
-
-import jinja2
 
 from valerie.analysis.report.pages import page_environment
 from valerie.guided.map import Call
@@ -90,9 +87,5 @@ class StudyReport:
 
 def build_report(source: StudyReport) -> str:
     """Return the page; equal input gives equal text."""
-    return _environment().get_template("study.html.j2").render(source=source, cells=CELLS, colours=_COLOURS)
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    return page_environment("valerie.studies")
+    template = page_environment("valerie.studies").get_template("study.html.j2")
+    return template.render(source=source, cells=CELLS, colours=_COLOURS)

@@ -7,7 +7,7 @@ from pathlib import Path
 from valerie.client import Client
 from valerie.embedded import running
 from valerie.errors import NotFound
-from valerie.local.deployment import has_database
+from valerie.local.deployment import has_database, open_current
 from valerie.settings import load_settings
 from valerie.workbench.sources import RunSource, Served, StoredRuns
 
@@ -28,16 +28,7 @@ def open_source(place: str | Path | None, token: str | None) -> RunSource:
     up = f"valerie up --data-dir {settings.data_dir}"
     if not has_database(settings):
         raise NotFound("database", f"{settings.data_dir}: `{up}` creates one")
-    from valerie.db.migrate import require_current
-    from valerie.pipeline.base.context import open_context
-
-    context = open_context(settings)
-    try:
-        require_current(context.engine)
-    except BaseException:
-        context.engine.dispose()
-        raise
-    return StoredRuns(context, up)
+    return StoredRuns(open_current(settings), up)
 
 
 def _client(url: str, token: str | None) -> Client:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, HTTPException, Path, Query, status
+from fastapi import APIRouter, Path, Query
 
 from services.api.dependencies import ContextDependency, ProjectDependency
 from services.api.openapi import gives, problems
+from services.api.problems import named_by_address
 from services.api.schemas.catalog import (
     AssetEntry,
     AssetRead,
@@ -19,7 +20,6 @@ from services.api.schemas.catalog import (
     WorkerRead,
     WorkRead,
 )
-from valerie.errors import UnknownName
 from valerie.labels import CITYSCAPES
 from valerie.measures import MEASURES
 from valerie.pipeline.control import monitoring
@@ -41,10 +41,8 @@ def assets(context: ContextDependency) -> list[AssetEntry]:
 
 @router.get("/assets/{name}", responses=problems(404, 422), summary="An asset with its parameters")
 def asset(name: Name, context: ContextDependency) -> AssetRead:
-    try:
+    with named_by_address():
         return AssetRead.model_validate(catalog.asset(context.settings, name))
-    except UnknownName as error:  # the address is wrong, not a field of a document
-        raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
 
 
 #: For tokens of one project, in place of a message.

@@ -29,6 +29,7 @@ from services.api.schemas.explore import (
     SpecRead,
     SwingsRead,
 )
+from services.api.transfer import TABLES, as_file, send_table
 from valerie.analysis.comparison.wording import difference_of_specs
 from valerie.analysis.findings.child_specs import drawn_spec, similar_spec
 from valerie.analysis.rows.table import EvaluationTable
@@ -52,10 +53,9 @@ from valerie.runs.products.frame_keys import ID
 
 router = APIRouter(prefix="/v1", tags=["explore"])
 
-_ARROW = "application/vnd.apache.arrow.stream"
+_ARROW = TABLES["arrow"]
 _JPEG = "image/jpeg"
 _ZIP = "application/zip"
-_EXPORTS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet", "arrow": _ARROW}
 #: Largest number of columns in one request.
 _MAX_COLUMNS = 40
 
@@ -163,7 +163,7 @@ def scatter(
         200: {
             "content": {
                 "text/csv": {"schema": {"type": "string"}, "example": "frame_id,pacc\n"},
-                "application/vnd.apache.parquet": BINARY,
+                TABLES["parquet"]: BINARY,
                 _ARROW: BINARY,
             }
         },
@@ -382,8 +382,7 @@ def frames(
 ) -> Response:
     _require_one(run)
     parts = export_archive(context, run[0], ExportSettings(formats=(format_,), where=where))
-    name = f'attachment; filename="{run[0]}-{format_}.zip"'
-    return StreamingResponse(parts, media_type=_ZIP, headers={"Content-Disposition": name})
+    return StreamingResponse(parts, media_type=_ZIP, headers=as_file(f"{run[0]}-{format_}.zip"))
 
 
 def _require_one(run: list[str]) -> None:
@@ -453,11 +452,7 @@ def _file(table: pa.Table, form: str) -> Response:
         pa.parquet.write_table(table, sink, compression="zstd")
     else:
         pa.csv.write_csv(table, sink)
-    return Response(
-        sink.getvalue(),
-        media_type=_EXPORTS[form],
-        headers={"Content-Disposition": f'attachment; filename="selection.{form}"'},
-    )
+    return send_table(sink.getvalue(), "selection", form)
 
 
 def _json(document: object) -> Response:

@@ -20,7 +20,7 @@ from services.api.dependencies import (
 from services.api.openapi import binary, gives, problems
 from services.api.schemas.base import DIGEST
 from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, PixelRead, VariantPage, VariantRead
-from services.api.transfer import ConditionsDependency, send
+from services.api.transfer import ConditionsDependency, send, send_parts
 from valerie.db import runs, variants
 from valerie.db.archives import reading_run
 from valerie.perception.running.label_png import encode_png
@@ -108,18 +108,11 @@ def image(
     sensor: SensorName = None,
 ) -> Response:
     source = find_picture(context, key, kind=kind, function=function, sensor=sensor)
-    pictures: list[bytes] = []
-
-    def size() -> int:
-        pictures.append(png(paint_picture(context, source)))
-        return len(pictures[0])
-
     return send(
         conditions,
         tag=source.tag,
         media_type="image/png",
-        size=size,
-        read=lambda start, length: pictures[0][start : start + length],
+        content=lambda: png(paint_picture(context, source)),
     )
 
 
@@ -155,13 +148,11 @@ def labels(
 ) -> Response:
     kind = "truth" if function is None else "prediction"
     source = find_picture(context, key, kind=kind, function=function, sensor=sensor)
-    content = encode_png(label_map(context, source))
     return send(
         conditions,
         tag=f"{source.tag}-labels",
         media_type="image/png",
-        size=lambda: len(content),
-        read=lambda start, length: content[start : start + length],
+        content=lambda: encode_png(label_map(context, source)),
     )
 
 
@@ -178,20 +169,12 @@ def annotation(
     kind: Annotated[str, Path(max_length=40, description=f"one of {', '.join(AnnotationKind)}", examples=["normals"])],
 ) -> Response:
     ((annotation_kind, product),) = find_annotations(context, key, [kind]).items()
-    archives: list[bytes] = []
-
-    def size() -> int:
-        archives.append(
-            npz(annotation_arrays(context, ProductReader(context.store), key.run_id, annotation_kind, product))
-        )
-        return len(archives[0])
-
+    reader = ProductReader(context.store)
     return send(
         conditions,
         tag=f"{product}-npz-{FILES_REVISION}",
         media_type="application/zip",
-        size=size,
-        read=lambda start, length: archives[0][start : start + length],
+        content=lambda: npz(annotation_arrays(context, reader, key.run_id, annotation_kind, product)),
     )
 
 
@@ -229,7 +212,7 @@ def artifact(
         return context.store.get(key) if length == info.size else context.store.get_range(key, start, length)
 
     # The digest determines the content; the size distinguishes a broken object from its replacement.
-    return send(
+    return send_parts(
         conditions, tag=f"{digest}-{info.size:x}", media_type="application/zstd", size=lambda: info.size, read=read
     )
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 import threading
 from typing import Annotated, Final
 
-from fastapi import APIRouter, HTTPException, Path, Request, Response, status
+from fastapi import APIRouter, Path, Request, Response, status
 
 from services.api.dependencies import ContextDependency, wake_control
 from services.api.openapi import binary, gives, problems, request_body
+from services.api.problems import named_by_address
 from services.api.schemas.functions import FunctionDetail, FunctionRead
-from services.api.transfer import ConditionsDependency, send
+from services.api.transfer import ConditionsDependency, as_file, send
 from services.api.upload import FormDependency
 from valerie.db.engine import reading
-from valerie.errors import NotFound, UnknownName
+from valerie.errors import NotFound
 from valerie.pipeline.functions import catalog, registry
 from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
 
@@ -101,10 +102,8 @@ def list_functions(context: ContextDependency) -> list[FunctionRead]:
 
 @router.get("/functions/{reference}", responses=problems(404, 422), summary="One function with its card and document")
 def read(reference: Reference, context: ContextDependency) -> FunctionDetail:
-    try:
+    with named_by_address():
         return FunctionDetail.model_validate(catalog.function(context, reference))
-    except UnknownName as error:  # the address is wrong, not a field of a document
-        raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
 
 
 @router.get(
@@ -114,21 +113,16 @@ def read(reference: Reference, context: ContextDependency) -> FunctionDetail:
     summary="The file of a registered function",
 )
 def payload(reference: Reference, context: ContextDependency, conditions: ConditionsDependency) -> Response:
-    try:
-        with reading(context.engine) as connection:
-            document = registry.find(connection, reference).document
-    except UnknownName as error:
-        raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
+    with named_by_address(), reading(context.engine) as connection:
+        document = registry.find(connection, reference).document
     if document.payload is None:
         raise NotFound("payload of the function", reference)
-    size = document.payload.bytes
     return send(
         conditions,
         tag=document.payload.sha256,
         media_type="application/octet-stream",
-        size=lambda: size,
-        read=lambda start, length: registry.read_payload(context, document)[start : start + length],
-        headers={"Content-Disposition": f'attachment; filename="{document.name}.{document.payload.format}"'},
+        content=lambda: registry.read_payload(context, document),
+        headers=as_file(f"{document.name}.{document.payload.format}"),
     )
 
 
@@ -139,7 +133,5 @@ def payload(reference: Reference, context: ContextDependency, conditions: Condit
     summary="Remove one version (name@digest) that no unfinished run needs",
 )
 def remove(reference: Reference, context: ContextDependency) -> None:
-    try:
+    with named_by_address():
         registry.remove(context, reference)
-    except UnknownName as error:
-        raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None

@@ -21,7 +21,7 @@ from services.api.dependencies import (
 from services.api.dependencies import value_of_column as value
 from services.api.openapi import BINARY, binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
-from services.api.transfer import ConditionsDependency, send
+from services.api.transfer import TABLES, ConditionsDependency, send, send_table
 from valerie.analysis.rows.table import encoded
 from valerie.analysis.verdicts.verdicts import RequirementVerdict, verdict_table
 from valerie.db import long_table
@@ -42,7 +42,6 @@ _FILTER = r"^[a-z_]+:(eq|ne|lt|le|gt|ge|null):[^\x00]{1,200}$"
 _NAMED = {"camera": "camera_index", "sensor": "sensor_index", "function": "function_index"}
 _ROW = cast("JsonObject", example_of(cast("JsonSchema", EvaluationRow.model_json_schema())))
 _CSV = "".join(",".join(map(str, cells)) + "\n" for cells in (_ROW, _ROW.values()))
-_MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 
 
 @router.get(
@@ -53,7 +52,7 @@ _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.p
         200: {
             "content": {
                 "text/csv": {"schema": {"type": "string"}, "example": _CSV},
-                "application/vnd.apache.parquet": BINARY,
+                TABLES["parquet"]: BINARY,
             }
         },
     },
@@ -139,7 +138,7 @@ def summary(run_id: RunId, context: ContextDependency) -> SummaryRead:
         200: {
             "content": {
                 "text/csv": {"schema": {"type": "string"}, "example": "id,function,outcome\nSYS-214,one,met\n"},
-                "application/vnd.apache.parquet": BINARY,
+                TABLES["parquet"]: BINARY,
             }
         },
     },
@@ -150,7 +149,7 @@ def verdicts(
     format_: Annotated[Literal["csv", "parquet"], Query(alias="format", description="csv or parquet")] = "csv",
 ) -> Response:
     stored = typed(tuple[RequirementVerdict, ...], read_summary(context, run_id)["verdicts"])
-    return _file(encoded(verdict_table(stored), format_), f"{run_id}-verdicts", format_)
+    return send_table(encoded(verdict_table(stored), format_), f"{run_id}-verdicts", format_)
 
 
 @router.get(
@@ -167,8 +166,7 @@ def report(run_id: RunId, context: ContextDependency, conditions: ConditionsDepe
         # A retry rewrites the report.
         tag=f"{run_id}-{info.size:x}-{round(info.modified.timestamp() * 1e6):x}",
         media_type="text/html; charset=utf-8",
-        size=lambda: info.size,
-        read=lambda start, length: context.store.get(key)[start : start + length],
+        content=lambda: context.store.get(key),
         # Sandboxed, so that no text in it can act as a page of this server.
         headers={"Content-Security-Policy": "sandbox allow-scripts allow-popups allow-downloads"},
     )
@@ -178,12 +176,7 @@ def _download(context: Context, run: StoredRun, format_: str) -> Response:
     table = read_table(context.engine, run)
     buffer = io.BytesIO()
     (table.to_csv if format_ == "csv" else table.to_parquet)(buffer)
-    return _file(buffer.getvalue(), f"{run.id}-evaluations", format_)
-
-
-def _file(content: bytes, stem: str, format_: str) -> Response:
-    name = f'attachment; filename="{stem}.{format_}"'
-    return Response(content, media_type=_MEDIA[format_], headers={"Content-Disposition": name})
+    return send_table(buffer.getvalue(), f"{run.id}-evaluations", format_)
 
 
 def _filter(text: str, resolved: ResolvedRun) -> long_table.Filter:

@@ -235,10 +235,8 @@ def _derived(batch: BatchRow, bound: float) -> dict[str, int | BatchCounts | Non
 
 
 def _counts(batch: BatchRow, outcomes: Outcomes, bound: float) -> BatchCounts:
-    """Count variants; a variant fails if it fails for any of the functions."""
-    variants = outcomes.by_variant
-    failed = sum(any(score is not None and score < bound for score in scores) for scores in variants)
-    passed = sum(all(score is not None and score >= bound for score in scores) for scores in variants)
+    failed = outcomes.failed(bound)
+    passed = sum(all(score is not None and score >= bound for score in scores) for scores in outcomes.by_variant)
     return BatchCounts(failed=failed, passed=passed, undefined=batch.legal - failed - passed)
 
 

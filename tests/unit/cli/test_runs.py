@@ -12,7 +12,7 @@ import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
-from tests.world.blank import Pipeline
+from tests.world.blank import Pipeline, street_pipeline
 from tests.world.boxes import write_box_street
 from valerie.answers import Progress, Run, RunSummary, VariantProgress
 from valerie.cli import runs
@@ -210,8 +210,7 @@ def test_a_deadline_that_is_none_is_refused(options: list[str], said: str) -> No
 
 
 def test_status_says_whether_a_deadline_will_be_met(tmp_path: Path, invoke: CliRunner) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets")
+    pipeline = street_pipeline(tmp_path)
     pipeline.submit()
     run_id = pipeline.submit(deadline=datetime.now(UTC) + timedelta(hours=2, seconds=90))
     data = ["--data-dir", str(tmp_path / "data")]

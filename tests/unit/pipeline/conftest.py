@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.world.blank import Pipeline
+from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import write_box_street
 
 
@@ -25,3 +25,10 @@ def pipelines(tmp_path: Path, assets: Path) -> Callable[..., Pipeline]:
 @pytest.fixture
 def pipeline(pipelines: Callable[..., Pipeline]) -> Pipeline:
     return pipelines()
+
+
+@pytest.fixture
+def completed(pipeline: Pipeline) -> tuple[Pipeline, str]:
+    run = pipeline.submit(SMALL)
+    assert pipeline.run(run) == "completed"
+    return pipeline, run

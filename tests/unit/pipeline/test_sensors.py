@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.world.blank import Pipeline
+from tests.world.blank import Pipeline, street_pipeline
 from tests.world.boxes import spec, write_box_street
 from valerie.analysis.summary.summary import summarize
 from valerie.db import frames, measured, results
@@ -43,11 +43,6 @@ def assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
     document["parameters"] += [definition for definition in definitions if definition["path"] not in paths]
     file.write_text(yaml.safe_dump(document))
     return folder
-
-
-@pytest.fixture
-def pipeline(tmp_path: Path, assets: Path) -> Pipeline:
-    return Pipeline(tmp_path / "one", assets)
 
 
 def small(**more: Any) -> dict[str, Any]:
@@ -266,8 +261,7 @@ def test_a_shutter_in_a_run_without_time_changes_nothing_and_says_so(pipeline: P
 
 
 def test_the_grey_levels_of_each_picture_are_kept_behind_its_own_sensor(tmp_path: Path) -> None:
-    write_box_street(tmp_path / "assets" / "box-street")
-    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets")
+    pipeline = street_pipeline(tmp_path)
     dark = {"name": "dark", "exposure_ev": -16}
     run = pipeline.submit(spec(xs=2, ys=1, sensors=[{"name": "day"}, dark]))
     assert pipeline.run(run) == "completed"

@@ -12,8 +12,8 @@ import orjson
 import pyarrow as pa
 import pytest
 
-from tests.world.blank import Pipeline
-from tests.world.boxes import spec, write_box_street
+from tests.world.blank import Pipeline, street_pipeline
+from tests.world.boxes import spec
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import long_table, processes
 from valerie.db.engine import reading, writing
@@ -42,8 +42,7 @@ TOLERANT = spec(xs=4, ys=3) | {"reproducible": "tolerance"}
 
 @pytest.fixture
 def world(tmp_path: Path) -> Pipeline:
-    write_box_street(tmp_path / "assets" / "box-street")
-    return Pipeline(tmp_path / "data", tmp_path / "assets", workers=False)
+    return street_pipeline(tmp_path, workers=False)
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from importlib.resources import files
 
 import jinja2
@@ -14,6 +15,7 @@ def own_file(name: str) -> str:
     return (files("valerie.analysis.report") / "templates" / name).read_text("utf-8")
 
 
+@cache
 def page_environment(package: str, finalize: Callable[[object], object] | None = None) -> jinja2.Environment:
     """Return an environment for the templates in a package's folder ``templates``.
 

@@ -437,11 +437,7 @@ def _conform(arrow: pa.Table, schema: pa.Schema) -> pa.Table:
 
 
 def _check(arrow: pa.Table) -> None:
-    """Check the rules that column types cannot express.
-
-    Raises:
-        InvalidInput: a required value is empty, a value is out of bounds, or a gap has no reason.
-    """
+    """Check the rules that column types cannot express."""
     for measure in MEASURES:
         column = arrow[measure.name]
         if measure.required and column.null_count:

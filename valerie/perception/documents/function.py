@@ -273,6 +273,12 @@ class FunctionDocument(Document):
         return OPTIONS[kind].model_validate(options.model_dump() if isinstance(options, Options) else options)
 
     @property
+    def file(self) -> Payload:
+        """The payload of a function of a kind that has one."""
+        assert self.payload is not None, f"functions of kind {self.kind} have no file"
+        return self.payload
+
+    @property
     def digest(self) -> str:
         """Digest of everything but the name, 32 hexadecimal characters; two names of one function share it.
 

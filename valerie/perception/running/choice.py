@@ -105,11 +105,7 @@ def agreeing_choice(document: FunctionDocument, payload: Path, *, device: str = 
 
 
 def _answer(document: FunctionDocument, payload: Path, engine: str) -> NDArray[Any]:
-    """Return the answer of an engine to a picture of coloured blocks and noise.
-
-    Raises:
-        ValerieError: the engine cannot run the network.
-    """
+    """Return the answer of an engine to a picture of coloured blocks and noise."""
     from valerie.perception.running.adaptation import plan
     from valerie.perception.running.opening import open_engine
 

@@ -109,7 +109,6 @@ def require_payload(document: FunctionDocument, path: Path | None) -> None:
         NotFound: there is no file ``path``.
         CorruptArtifact: it has another digest.
     """
-    assert document.payload is not None
     if path is None:
         raise NotFound("payload of the function", document.name)
     try:
@@ -117,7 +116,7 @@ def require_payload(document: FunctionDocument, path: Path | None) -> None:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     except FileNotFoundError:
         raise NotFound("function file", path.name) from None
-    if sha256 != document.payload.sha256:
+    if sha256 != document.file.sha256:
         raise CorruptArtifact(
-            f"{path.name} has digest {sha256[:12]}; {document.name} needs {document.payload.sha256[:12]}"
+            f"{path.name} has digest {sha256[:12]}; {document.name} needs {document.file.sha256[:12]}"
         )

@@ -31,11 +31,6 @@ def put_mark(context: Context, run_id: str, subject: Subject, mark: Mark) -> Non
 
 
 def _findings(context: Context, run_id: str) -> list[str]:
-    """Return the sentences of a run's findings and candidates.
-
-    Raises:
-        NotFound: no such run.
-        Conflict: it has not completed.
-    """
+    """Return the sentences of a run's findings and candidates."""
     findings = read_summary(context, run_id)["findings"]
     return [finding["sentence"] for finding in (*findings["items"], *findings["candidates"])]

@@ -95,20 +95,8 @@ class _Holder:
 
     def limits(self, settings: Settings) -> Mapping[Resource, float]:
         """Return the quotas that are set."""
-        if self.owner is None:
-            limits = {
-                Resource.RUNS: settings.max_project_runs,
-                Resource.VARIANTS: settings.max_project_variants,
-                Resource.CPU_HOURS: settings.max_project_cpu_hours,
-                Resource.GIGABYTES: settings.max_project_gigabytes,
-            }
-        else:
-            limits = {
-                Resource.RUNS: settings.max_owner_runs,
-                Resource.VARIANTS: settings.max_owner_variants,
-                Resource.CPU_HOURS: settings.max_owner_cpu_hours,
-                Resource.GIGABYTES: settings.max_owner_gigabytes,
-            }
+        kind = "project" if self.owner is None else "owner"
+        limits = {resource: getattr(settings, f"max_{kind}_{resource.name.lower()}") for resource in Resource}
         return {resource: limit for resource, limit in limits.items() if limit}
 
     def quotas(self, connection: Connection, settings: Settings, spent: Spent, *, besides: str = "") -> list[Quota]:

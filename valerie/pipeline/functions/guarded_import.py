@@ -138,11 +138,7 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
 
 
 def _conversion(filename: str, kind: str, *, programs: bool) -> Conversion:
-    """Return the conversion of a file, by its suffix.
-
-    Raises:
-        InvalidInput: the file would run code, or its suffix is unknown.
-    """
+    """Return the conversion of a file, by its suffix."""
     suffix = Path(filename).suffix.lower()
     if suffix == _ONNX:
         return "onnx"

@@ -66,11 +66,10 @@ def pinned_payload(name: str, pin: FunctionPin, *, context: Context) -> tuple[Fu
     path = function_path(name)
     runs_as = {"engine": pin.card.engine, "precision": pin.card.precision}
     document = file_document(name, path).model_copy(update=runs_as)
-    assert document.payload is not None, "a document of a file has a payload"
-    if document.payload.sha256 != pin.digest:
+    if document.file.sha256 != pin.digest:
         raise Conflict(
             f"the run used other weights of {name} ({pin.digest[:SHORT]}) than are installed now "
-            f"({document.payload.sha256[:SHORT]}); run the validation again"
+            f"({document.file.sha256[:SHORT]}); run the validation again"
         )
     return document, path
 

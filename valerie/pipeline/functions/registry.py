@@ -212,22 +212,19 @@ def _needs(connection: Connection, run: functions.UnfinishedRun, version: Regist
 
 
 def _store_payload(context: Context, document: FunctionDocument, path: Path | None) -> None:
-    assert document.payload is not None
+    file = document.file
     if path is None:
-        raise InvalidInput("the file is missing", field="payload", limit=f"{document.payload.bytes} bytes")
+        raise InvalidInput("the file is missing", field="payload", limit=f"{file.bytes} bytes")
     data = path.read_bytes()
-    if hashlib.sha256(data).hexdigest() != document.payload.sha256:
-        raise InvalidInput(
-            "not the file that the document names", field="payload.sha256", value=document.payload.sha256
-        )
-    context.store.put(function_key(document.payload.sha256, document.payload.format), data)
+    if hashlib.sha256(data).hexdigest() != file.sha256:
+        raise InvalidInput("not the file that the document names", field="payload.sha256", value=file.sha256)
+    context.store.put(function_key(file.sha256, file.format), data)
 
 
 def _require_digest(sha256: str, document: FunctionDocument) -> None:
-    assert document.payload is not None
-    if sha256 != document.payload.sha256:
+    if sha256 != document.file.sha256:
         raise CorruptArtifact(
-            f"the stored file of {document.name} has digest {sha256[:12]}, not {document.payload.sha256[:12]}"
+            f"the stored file of {document.name} has digest {sha256[:12]}, not {document.file.sha256[:12]}"
         )
 
 

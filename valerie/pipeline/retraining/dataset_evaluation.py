@@ -286,15 +286,7 @@ def evaluate_dataset(
 
 
 def _person_rows(scored: ScoredFrame, name: str, frame: LabelledFrame, index: int, dataset: str) -> list[TableRow]:
-    """Return a scored frame's rows of the long table.
-
-    Args:
-        scored: the frame.
-        name: name of the function.
-        frame: labels of the frame.
-        index: index of the frame in its split.
-        dataset: folder and split, instead of a run's id.
-    """
+    """Return the rows of the long table of the frame at an index of its split; ``dataset`` stands for a run's id."""
     common = {
         "run_id": dataset,
         "variant_index": index,

@@ -13,7 +13,7 @@ from valerie.analysis.comparison.wording import difference_text
 from valerie.db.archives import reading_run
 from valerie.db.links import StoredFrame
 from valerie.errors import Conflict
-from valerie.perception.documents.function import FunctionDocument, parse_function
+from valerie.perception.documents.function import parse_function
 from valerie.perception.running.choice import REASON
 from valerie.perception.running.opening import open_function
 from valerie.perception.running.quantizing import quantize
@@ -86,7 +86,7 @@ def quantize_function(
     quantized, data = quantize(document, payload, pictures)
     provenance = {
         **{entry: text for entry, text in document.provenance.items() if entry != REASON},
-        BEFORE: f"{function}, {_digest(document)}",
+        BEFORE: f"{function}, {document.file.sha256[:SHORT]}",
         FRAMES: f"{len(sample)} frames of run {run_id}",
     }
     with TemporaryDirectory(prefix="valerie-quantize-") as folder:
@@ -119,11 +119,6 @@ def _spread(context: Context, run: StoredRun, count: int) -> list[StoredFrame]:
         raise Conflict(f"run {run.id} has no finished frames yet")
     count = min(count, len(finished))
     return [finished[number * len(finished) // count] for number in range(count)]
-
-
-def _digest(document: FunctionDocument) -> str:
-    assert document.payload is not None, "only functions with a file are quantised"
-    return document.payload.sha256[:SHORT]
 
 
 def _change(comparison: VersionComparison, run_id: str) -> str:

@@ -141,7 +141,7 @@ def retrain(
     scenes = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
     provenance = training_provenance(TrainingSet([frames]), held_out, start)
     provenance |= {
-        "started-from": _digest(weakness.document),
+        "started-from": weakness.document.file.sha256,
         "retrained-from-function": weakness.function,
         "retrained-from-run": ", ".join(weakness.runs),
         "retrained-where": weakness.where,
@@ -203,19 +203,13 @@ def training_folder(weakness: Weakness, settings: RetrainSettings, name: str) ->
 def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, JsonValue]:
     """Return the document that is equal for equal trainings."""
     return {
-        "start": _digest(weakness.document),
+        "start": weakness.document.file.sha256,
         "frames": _frame_settings(weakness, settings).model_dump(mode="json"),
         "wanted": settings.model_dump(mode="json"),
         "training": _training_settings(weakness.document, settings).model_dump(
             mode="json", exclude={"loader_threads", "device"}
         ),
     }
-
-
-def _digest(document: FunctionDocument) -> str:
-    """Return the SHA-256 of a network's weights."""
-    assert document.payload is not None, "networks have a file"
-    return document.payload.sha256
 
 
 def _frame_settings(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:

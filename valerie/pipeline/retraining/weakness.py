@@ -167,11 +167,7 @@ def _function(resolved: ResolvedRun, function: str | None) -> str:
 
 
 def _generated(resolved: ResolvedRun) -> tuple[str, AssetArguments, int]:
-    """Return name, other arguments and seed of the run's asset.
-
-    Raises:
-        InvalidInput: it is not generated from a seed, so there are no fresh sites.
-    """
+    """Return name, other arguments and seed of the run's asset."""
     name, arguments = parse_reference(resolved.spec.asset)
     seed = getattr(pack_settings(name, arguments), "seed", None) if is_generated(name) else None
     if seed is None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from typing import Final
 
+from celery import Celery
+
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.work.stages import Maker, serve_queue
 
@@ -43,3 +45,14 @@ class Child:
         if self._opened is None:
             raise RuntimeError("the worker's child process was not opened")
         return self._opened
+
+
+def declare_task(name: str, app: Celery) -> Child:
+    """Declare the task of a name that makes the products of a queue, and return the child that makes them."""
+    child = Child()
+
+    @app.task(name=name)  # type: ignore[untyped-decorator]
+    def make(route: str) -> None:
+        child.serve(route)
+
+    return child

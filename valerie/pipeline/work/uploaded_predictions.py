@@ -79,12 +79,7 @@ class _Uploaded:
 
 
 def _place(run: StoredRun, function: str | None, sensor: str | None) -> tuple[int, int]:
-    """Return the indices of sensor and function.
-
-    Raises:
-        Conflict: the run awaits no predictions.
-        InvalidInput, UnknownName: several are possible and none is named, or the name is unknown.
-    """
+    """Return the indices of sensor and function."""
     resolved = run.resolved
     awaited = tuple(deadlines(run.pins))
     if not awaited:

@@ -410,6 +410,10 @@ class Outcomes(Document):
         table = [[math.nan if score is None else score for score in scores] for scores in self.by_variant]
         return table if self.second else [score for (score,) in table]
 
+    def failed(self, at_least: float) -> int:
+        """Return the number of variants that fail, for any of the functions: a score is below ``at_least``."""
+        return sum(any(score is not None and score < at_least for score in scores) for scores in self.by_variant)
+
 
 class StudyResult(Document):
     """The result of a study.

@@ -104,11 +104,7 @@ def _uris(path: Path, name: str, *_state: int) -> tuple[tuple[str, str], ...]:
 
 
 def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
-    """Return the file ``name`` of ``folder``.
-
-    Raises:
-        InvalidInput: it is not a regular file inside the folder (links followed), or too large.
-    """
+    """Return a regular file inside ``folder``; links are followed."""
     root = folder.resolve()
     path = (root / name).resolve()
     if not path.is_relative_to(root):

@@ -56,13 +56,6 @@ STUDY = {
 }
 
 
-@pytest.fixture
-def completed(pipeline: Pipeline) -> tuple[Pipeline, str]:
-    run = pipeline.submit(SMALL)
-    assert pipeline.run(run) == "completed"
-    return pipeline, run
-
-
 def long_table(context: Context, run: str) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = read_table(context.engine, read_run(context, run)).arrow.to_pylist()
     return rows

@@ -6,19 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.world.blank import SMALL, Pipeline
+from tests.world.blank import Pipeline
 from tests.world.world import settings_of
 from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.backup import back_up, restore
 from valerie.storage.keys import PRODUCTS
-
-
-@pytest.fixture
-def completed(pipeline: Pipeline) -> tuple[Pipeline, str]:
-    run = pipeline.submit(SMALL)
-    assert pipeline.run(run) == "completed"
-    return pipeline, run
 
 
 def keys(pipeline: Pipeline, prefix: str = "") -> set[str]:

@@ -20,13 +20,6 @@ from valerie.pipeline.control.copy_run import copy_run
 
 
 @pytest.fixture
-def completed(pipeline: Pipeline) -> tuple[Pipeline, str]:
-    run = pipeline.submit(SMALL)
-    assert pipeline.run(run) == "completed"
-    return pipeline, run
-
-
-@pytest.fixture
 def other(tmp_path: Path) -> Context:
     context = open_context(settings_of(tmp_path / "other"))
     migrate(context.engine)

@@ -13,8 +13,7 @@ import pytest
 from services.api.app import create_app
 from tests.world import boxes
 from tests.world.archived import answers, rows_of
-from tests.world.blank import Pipeline
-from tests.world.boxes import write_box_street
+from tests.world.blank import street_pipeline
 from tests.world.drawn import FUNCTIONS, DrawnRuns, DrawnWorld
 from tests.world.drawn import spec as drawn_spec
 from tests.world.serving import served
@@ -89,8 +88,7 @@ def test_all_rows_come_back(marked: tuple[Settings, list[str]]) -> None:
 
 
 def annotated(folder: Path) -> tuple[World, str]:
-    write_box_street(folder / "assets" / "box-street")
-    pipeline = Pipeline(folder / "data", folder / "assets")
+    pipeline = street_pipeline(folder)
     return pipeline, pipeline.submit(boxes.spec(xs=2, ys=2, annotations=["normals", "boxes", "joints", "light"]))
 
 

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from tests.world.drawn import DrawnRuns
+from tests.world.serving import every_item
 from tests.world.world import settings_of
 from valerie.labels import CITYSCAPES, PERSON, TRAIN_LABELS, TRAIN_NAMES, colorize
 from valerie.measures import Source, names_from
@@ -42,15 +43,7 @@ def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client
     whole = api.get(path).json()["items"]
     places = [(run["variant_index"], run["camera"]) for run in whole]
     assert places == sorted(places)
-    frames: list[Any] = []
-    cursor: dict[str, str] = {}
-    while True:
-        page = api.get(path, params={"limit": 11, **cursor}).json()
-        frames += page["items"]
-        if page["next"] is None:
-            break
-        cursor = {"cursor": page["next"]}
-    assert frames == whole
+    assert every_item(api, path, limit=11) == whole
 
 
 def test_neighbours_lead_through_all_frames_and_back(api: httpx.Client, drawn: DrawnRuns) -> None:

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.world.drawn import DrawnRuns
+from tests.world.serving import every_item
 from tests.world.world import settings_of
 from valerie.pipeline.base.context import open_context
 from valerie.storage.keys import run_key
@@ -28,18 +29,7 @@ def table(drawn: DrawnRuns) -> list[Row]:
 
 
 def walk(client: httpx.Client, run: str, *, limit: int = 17, **parameters: Any) -> list[Row]:
-    """Return the rows of all pages."""
-    rows: list[Row] = []
-    cursor: str | None = None
-    while True:
-        more = {"cursor": cursor} if cursor else {}
-        answer = client.get(f"/v1/runs/{run}/evaluations", params={"limit": limit, **parameters, **more})
-        assert answer.status_code == 200, answer.text
-        rows += answer.json()["items"]
-        cursor = answer.json()["next"]
-        if cursor is None:
-            assert len(rows) == answer.json()["total"]
-            return rows
+    return every_item(client, f"/v1/runs/{run}/evaluations", limit=limit, **parameters)
 
 
 def test_the_pages_are_the_stored_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:

@@ -8,6 +8,7 @@ import httpx
 import pytest
 
 from tests.world.drawn import DrawnRuns, spec
+from tests.world.serving import every_item
 
 
 def post(client: httpx.Client, document: dict[str, Any], **headers: str) -> httpx.Response:
@@ -62,16 +63,7 @@ def test_times_are_in_utc(api: httpx.Client, drawn: DrawnRuns) -> None:
 
 
 def test_pages_of_runs_join_without_gap_or_repetition(api: httpx.Client) -> None:
-    whole = [run["id"] for run in api.get("/v1/runs").json()["items"]]
-    ids: list[str] = []
-    cursor = None
-    while True:
-        page = api.get("/v1/runs", params={"limit": 1, **({"cursor": cursor} if cursor else {})}).json()
-        ids += [run["id"] for run in page["items"]]
-        cursor = page["next"]
-        if cursor is None:
-            break
-    assert ids == whole
+    assert every_item(api, "/v1/runs", limit=1) == api.get("/v1/runs").json()["items"]
 
 
 def test_a_run_that_arrives_between_pages_does_not_shift_them(fresh: httpx.Client) -> None:

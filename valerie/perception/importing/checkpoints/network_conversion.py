@@ -320,11 +320,7 @@ def _shapes(tensors: Mapping[str, NDArray[Any]]) -> dict[str, tuple[int, ...]]:
 
 
 def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Tensors:
-    """Return the tensors as float32, or float16 if stored so; batch counters are left out.
-
-    Raises:
-        InvalidInput: a tensor contains integers or values that are not finite.
-    """
+    """Return the tensors as float32, or float16 if stored so; batch counters are left out."""
     floating: Tensors = {}
     for name, array in tensors.items():
         if name.endswith(".num_batches_tracked"):
@@ -340,11 +336,7 @@ def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Tensors:
 
 
 def _self_check(imported: ImportedNetwork, field: str) -> None:
-    """Check that the network accepts the tensors and returns finite logits for a fixed picture.
-
-    Raises:
-        InvalidInput: names the failed check.
-    """
+    """Check that the network accepts the tensors and returns finite logits for a fixed picture."""
     count = len(imported.classes)
     network = filled_network(imported.architecture, imported.tensors, count, field=field)
     values = torch.linspace(-2.0, 2.0, 3 * 64 * 96).reshape(1, 3, 64, 96)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime
 from itertools import takewhile
+from operator import attrgetter
 from typing import Final, Unpack
 
 import structlog
@@ -142,7 +143,7 @@ class StudyKeeper:
         stored = resolve_stored(run, self._context.settings)
         with reading(self._context.engine) as connection:
             rows = (person.row for person in evaluated_persons(connection, stored))
-            price = studies.price(connection, run.id)
+            price = studies.cpu_seconds(connection, run.id)
             outcomes = resolved.outcomes(rows, len(batch.points), batch.rejected, price)
         with writing(self._context.engine) as connection:
             studies.end(connection, study.id, batch.number, outcomes)
@@ -257,7 +258,7 @@ class StudyKeeper:
 def informed_pursuit(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
     """Return a pursuit that has been told every batch before the first unfinished one."""
     pursuit = Pursuit(resolved)
-    pursuit.follow([*takewhile(_ended, batches)], everything=True)
+    pursuit.follow([*takewhile(attrgetter("ended"), batches)], everything=True)
     return pursuit
 
 
@@ -277,7 +278,3 @@ def basis_digest(study: StudyRow, basis: Sequence[BatchRow]) -> str:
         None if batch.outcomes is None else batch.outcomes.model_dump(mode="json", exclude_none=True) for batch in basis
     ]
     return digest("study-basis", [study.document.digest, outcomes])
-
-
-def _ended(batch: BatchRow) -> bool:
-    return batch.ended

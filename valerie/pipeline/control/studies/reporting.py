@@ -101,10 +101,10 @@ def _shown(batch: BatchRow, resolved: ResolvedStudy) -> ShownBatch:
 
 def _counts(batch: BatchRow, resolved: ResolvedStudy) -> tuple[int, int]:
     """Return the number of variants with a failing score, and of legal ones that lack a score."""
-    variants = [] if batch.outcomes is None else batch.outcomes.by_variant
-    at_least = resolved.measure.at_least
-    failed = sum(any(score is not None and score < at_least for score in scores) for scores in variants)
-    return failed, sum(None in scores and i not in batch.rejected for i, scores in enumerate(variants))
+    if batch.outcomes is None:
+        return 0, 0
+    unscored = (i for i, scores in enumerate(batch.outcomes.by_variant) if None in scores and i not in batch.rejected)
+    return batch.outcomes.failed(resolved.measure.at_least), len(list(unscored))
 
 
 def _totals(batches: Sequence[BatchRow], resolved: ResolvedStudy) -> tuple[str, ...]:

@@ -182,10 +182,6 @@ def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:
 
 
 def _require_class(name: str, actual: str, pinned: str) -> None:
-    """Refuse a driver that changed during a worker's life, so that a run does not mix numeric classes.
-
-    Raises:
-        TransientError: the numeric class is not the pinned one.
-    """
+    """Refuse a driver that changed during a worker's life, so that a run does not mix numeric classes."""
     if actual != pinned:
         raise TransientError(f"{name} runs as {actual} here, but the run pinned {pinned}")
