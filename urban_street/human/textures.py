@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from urban_street.texels import normals8
+
 Image = NDArray[np.uint8]
 Field = NDArray[np.float64]
 Colour = tuple[int, int, int]
@@ -56,9 +58,7 @@ class TextureCanvas:
         """Return the tangent-space normals, (H, W, 3) uint8: x along u, y against v, z out."""
         across = 0.5 * (np.roll(self.height, -1, axis=1) - np.roll(self.height, 1, axis=1))
         down = np.gradient(self.height, axis=0)
-        vectors = np.stack([-across, down, np.ones_like(across)], axis=2)
-        vectors /= np.linalg.norm(vectors, axis=2, keepdims=True)
-        return np.clip(np.rint(vectors * 127.5 + 127.5), 0, 255).astype(np.uint8)
+        return normals8(across, down, scale=127.5, zero=127.5)
 
 
 def grid(size: int = SIZE) -> tuple[Field, Field]:
