@@ -51,6 +51,10 @@ class Panels:
         """Build the edge of a panel; empty for distant views."""
         return flange(patch, depth) if self.shell.fine else merge([])
 
+    def _border(self, master: Master, region: BaseGeometry, depth: float) -> Surface:
+        """Build the edge of a region that is not a panel; empty, and not cut, for distant views."""
+        return self._edge(cut(master, region), depth) if self.shell.fine else merge([])
+
     # -- outlines -----------------------------------------------------------------------------------------------------
 
     @cached_property
@@ -189,7 +193,7 @@ class Panels:
         ):
             if piece is not None and not piece.is_empty:
                 self._coat(bag, master, material, piece)
-        bag.add("vehicle-gap", self._edge(cut(master.coarse(), region.simplify(0.003)), _DEPTH))
+        bag.add("vehicle-gap", self._border(master.coarse(), region.simplify(0.003), _DEPTH))
 
     def _coat(self, bag: Bag, master: Master, material: str, piece: BaseGeometry) -> None:
         """Add sheet metal. On the ring, fields of a livery take the place of paint."""
@@ -217,7 +221,7 @@ class Panels:
             ("vehicle-plastic", region.intersection(plastic)),
         ):
             self._coat(bag, self.shell.ring, material, piece)
-        bag.add("paint", self._edge(cut(self.shell.ring.coarse(2), region.simplify(0.003)), _DOOR))
+        bag.add("paint", self._border(self.shell.ring.coarse(2), region.simplify(0.003), _DOOR))
         bag.add(
             "vehicle-interior", reversed_(cut(self.shell.ring.coarse(2), region.simplify(0.02), offset=-_DOOR).surface)
         )
@@ -226,9 +230,9 @@ class Panels:
         """Add a lens with its inner parts."""
         body, ring = self.half.parts[BODY], self.shell.ring
         inner = region.buffer(-0.004, quad_segs=2)
-        lens = cut(ring, inner)
         a0, b0, a1, b1 = region.bounds
         if front:
+            lens = cut(ring, inner)
             body.add("vehicle-lens", lens.surface)
             body.add("vehicle-plastic", reversed_(self._edge(lens, 0.055)))
             body.add("vehicle-lamp-housing", cut(ring, inner, offset=-0.055).surface)
@@ -252,7 +256,7 @@ class Panels:
         body.add("vehicle-lamp-red", cut(ring, bright).surface)
         body.add("vehicle-lamp-clear", cut(ring, white).surface)
         body.add("vehicle-lamp-dark-red", cut(ring, dark).surface)
-        body.add("vehicle-plastic", self._edge(lens, 0.02))
+        body.add("vehicle-plastic", self._border(ring, inner, 0.02))
 
     def _projector(self, at: Floats, radius: float) -> None:
         """Add a lens in a bright ring that faces forwards."""
@@ -272,8 +276,7 @@ class Panels:
         if not bars:
             body.add("vehicle-black-gloss", cut(ring, region.buffer(-0.002)).surface)
             return
-        rim = cut(ring, region)
-        body.add("vehicle-gap", cut(ring, region, offset=-0.05).surface, reversed_(self._edge(rim, 0.05)))
+        body.add("vehicle-gap", cut(ring, region, offset=-0.05).surface, reversed_(self._border(ring, region, 0.05)))
         _, b0, _, b1 = region.bounds
         a0, a1 = region.bounds[0], region.bounds[2]
         upright, count = bars < 0, abs(bars)
@@ -361,7 +364,7 @@ class Panels:
             frame = shape.difference(blank)
             bag.add("paint", cut(house, frame.difference(black)).surface)
             bag.add("vehicle-black-gloss", cut(house, frame.intersection(black)).surface)
-            bag.add("vehicle-gap", self._edge(cut(house.coarse(2), frame.simplify(0.003)), 0.03))
+            bag.add("vehicle-gap", self._border(house.coarse(2), frame.simplify(0.003), 0.03))
             bag.add("vehicle-trim", reversed_(cut(house.coarse(2), frame.simplify(0.008), offset=-0.03).surface))
             for pane in panes[name]:
                 behind = pane.buffer(0.002, quad_segs=2).intersection(house.domain)

@@ -72,8 +72,9 @@ def cut(master: Master, region: BaseGeometry, *, offset: float = 0.0) -> Patch:
     """Return the part of a master surface inside ``region`` (in its domain), moved ``offset`` metres along its normals."""
     corners = _triangles(master, region)
     flat = corners.reshape(-1, 2)
-    keys = np.round(flat / _WELD).astype(np.int64)
-    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    a, b = np.round(flat / _WELD).astype(np.int64).T
+    # One number per point is sorted much faster than a pair.
+    _, first, inverse = np.unique((a << 32) + b, return_index=True, return_inverse=True)
     at = flat[first]
     faces = inverse.reshape(-1, 3)
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
