@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.spatial import cKDTree
 
 from urban_street.human.surface import Indices, Points, edges_of, even_edges, neighbours, vertex_normals
@@ -91,6 +92,10 @@ def settle(
     shorter = np.where(bends, fabric.bending, fabric.compression)
     a, b = np.ascontiguousarray(pairs.T)
     degree = np.maximum(np.bincount(pairs.ravel(), minlength=len(rest)), 1) / 3.0  # Jacobi, over-relaxed
+    first, second = (
+        sparse.csr_matrix((np.ones(len(end)), (end, np.arange(len(end)))), shape=(len(rest), len(end)))
+        for end in (a, b)
+    )
     free = ~pinned
     tree = cKDTree(_with_region(under.points, under.regions))
     position, previous = start.copy(), start.copy()
@@ -109,7 +114,7 @@ def settle(
             length = np.maximum(np.sqrt(x + y + z), 1e-9)
             excess = (length - lengths) / length
             pull = 0.5 * excess * np.where(excess > 0.0, longer, shorter) * delta
-            move = (_scatter(a, pull, len(rest)) - _scatter(b, pull, len(rest))) / degree
+            move = np.stack([first @ axis - second @ axis for axis in pull]) / degree
             np.add(axes, move, out=axes, where=free)
         position = np.ascontiguousarray(axes.T)
         if step % 3 == 0:
@@ -151,11 +156,6 @@ def _push_out(
 
 def _with_region(points: Points, regions: Indices) -> Points:
     return np.concatenate([points, _REGION_STEP * regions[:, None]], axis=1)
-
-
-def _scatter(columns: Indices, axes: Points, count: int) -> Points:
-    """Return the sums of (3, N) vectors by column, (3, ``count``)."""
-    return np.stack([np.bincount(columns, axis, minlength=count) for axis in axes])
 
 
 def _opposite_corners(faces: Indices, sides: Indices, number_of_edges: int) -> Indices:

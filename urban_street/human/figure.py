@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import Final, NamedTuple
 
@@ -34,7 +33,7 @@ from urban_street.human.riding import Contact, ride
 from urban_street.human.stances import CARRIED, POSES
 from urban_street.human.surface import Indices, Points
 from valerie.errors import UnknownName
-from valerie.scene.graph.deferred import DeferredMesh, DeferredTexture
+from valerie.scene.graph.deferred import DeferredMesh, deferred_textures
 from valerie.scene.graph.model import Material, Mesh, Stance, Texture
 
 #: Number of stances of a figure whose meshes are cached: a walk cycle, and the other poses.
@@ -209,7 +208,6 @@ class Model:
         self.name, self.look = name, look
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
-        self._canvases: dict[str, Callable[[], textures.TextureCanvas]] = {}
         self._stances: LRUCache[StanceKey, dict[str, Mesh]] = LRUCache(_KEPT_STANCES)
         self._declare()
 
@@ -455,9 +453,7 @@ class Model:
         double_sided: bool = False,
     ) -> None:
         full = f"{self.name}/{part}"
-        paint = _Painting(canvas)
-        self.textures[f"{full}-color"] = DeferredTexture(f"{full}-color", paint.colour)
-        self.textures[f"{full}-normal"] = DeferredTexture(f"{full}-normal", paint.normals)
+        self.textures |= deferred_textures((f"{full}-color", f"{full}-normal"), lambda: canvas().images())
         self.materials[full] = Material(
             full,
             base_color=(1.0, 1.0, 1.0),
@@ -467,30 +463,6 @@ class Model:
             specular=specular,
             double_sided=double_sided,
         )
-
-
-@dataclass(eq=False)
-class _Painting:
-    """Colour and relief of one canvas, which is dropped after painting."""
-
-    canvas: Callable[[], textures.TextureCanvas]
-    _colour: NDArray[np.uint8] | None = None
-    _normals: NDArray[np.uint8] | None = None
-
-    def colour(self) -> NDArray[np.uint8]:
-        self._paint()
-        assert self._colour is not None
-        return self._colour
-
-    def normals(self) -> NDArray[np.uint8]:
-        self._paint()
-        assert self._normals is not None
-        return self._normals
-
-    def _paint(self) -> None:
-        if self._colour is None:
-            canvas = self.canvas()
-            self._colour, self._normals = canvas.image(), canvas.normals()
 
 
 def _joined(pieces: list[PartShape]) -> PartShape:

@@ -50,6 +50,10 @@ class TextureCanvas:
         share = np.clip(cover, 0.0, 1.0)[..., None]
         self.colour += share * (np.array(colour, np.float64) - self.colour)
 
+    def images(self) -> tuple[Image, Image]:
+        """Return colour and normals as textures."""
+        return self.image(), self.normals()
+
     def image(self) -> Image:
         """Return the colour as (H, W, 3) uint8 sRGB."""
         return np.clip(np.rint(self.colour), 0, 255).astype(np.uint8)

@@ -27,13 +27,13 @@ def band_noise(
         slope: amplitude falls as frequency to the power −``slope`` (0 is white within the band, 1 is cloud-like).
         tall: height of a pixel on the ground as a multiple of its width. Wavelengths are in widths.
     """
-    rows, columns = np.fft.fftfreq(shape[0])[:, None] / tall, np.fft.rfftfreq(shape[1])
-    columns = columns[columns <= 1.0 / shortest]
-    # Most of the time goes into the columns, so those without power are left out.
-    spectrum = np.fft.rfft(rng.standard_normal(shape, np.float32))[:, : len(columns)]
-    frequency = np.hypot(rows, columns)
+    # Columns without power are left out, and the rows of negative frequencies have the gain of the positive ones.
+    rows, columns = np.fft.rfftfreq(shape[0])[:, None] / tall, np.fft.rfftfreq(shape[1])
+    frequency = np.hypot(rows, columns[columns <= 1.0 / shortest])
     band = (frequency >= 1.0 / longest) & (frequency <= 1.0 / shortest)
     gain = np.where(band, 1.0 / np.maximum(frequency, 1e-9) ** slope, 0.0)
+    gain = np.concatenate([gain, gain[(shape[0] - 1) // 2 : 0 : -1]])
+    spectrum = np.fft.rfft(rng.standard_normal(shape, np.float32))[:, : gain.shape[1]]
     noise = np.fft.irfft(np.fft.ifft(np.fft.fft(spectrum, axis=0) * gain, axis=0), shape[1])
     return (noise / max(float(noise.std()), 1e-12)).astype(np.float32)
 

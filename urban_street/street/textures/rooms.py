@@ -200,7 +200,7 @@ def _room(rng: np.random.Generator, things: tuple[_Thing, ...], place: _Place) -
         low, high = _vector(thing.low), _vector(thing.high)
         if mirrored:
             low[0], high[0] = 1 - high[0], 1 - low[0]
-        enter, met = _entered(eye, ray, low * extent, high * extent)
+        enter, axes = _entered(eye, ray, low * extent, high * extent)
         seen = enter < reach
         tint = _vector(thing.color)
         if thing.stripes:
@@ -212,7 +212,7 @@ def _room(rng: np.random.Generator, things: tuple[_Thing, ...], place: _Place) -
             tint = tint * (0.25 + 1.4 * (0.3 * hue + 0.7 * hue.mean(0)))
         else:
             solid.append((low * extent, high * extent))
-        reach, side, albedo = np.where(seen, enter, reach), np.where(seen, met, side), np.where(seen, tint, albedo)
+        reach, side, albedo = np.where(seen, enter, reach), np.where(seen, axes.argmax(0), side), np.where(seen, tint, albedo)
     at = eye + reach * ray
     normal = np.where(np.arange(3)[:, None, None] == side, -np.sign(ray), np.float32(0))
     # Contact shadow in the room's edges: the distance of the second nearest wall.
@@ -240,14 +240,14 @@ def _not_zero(values: Floats) -> Floats:
     return np.where(np.abs(values) < 1e-6, np.float32(1e-6), values)
 
 
-def _entered(start: Floats, ray: Floats, low: Floats, high: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Return how many times ``ray``, (3, H, W), it is from ``start`` to a box (inf if it misses), and the axis met."""
+def _entered(start: Floats, ray: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Return how many times ``ray``, (3, H, W), it is from ``start`` to a box (inf if it misses), and to its faces by axis."""
     step = _not_zero(ray)
     first, second = (low - start) / step, (high - start) / step
     near = np.minimum(first, second)
     enter = near.max(0)
     missed = (enter > np.maximum(first, second).min(0)) | (enter < 0)
-    return np.where(missed, np.float32(np.inf), enter), near.argmax(0)
+    return np.where(missed, np.float32(np.inf), enter), near
 
 
 def _lamp_light(at: Floats, normal: Floats, lamp: Floats, boxes: list[tuple[Floats, Floats]]) -> Floats:

@@ -1,19 +1,36 @@
 """Meshes and textures whose arrays are computed when they are first read.
 
 A scene may hold many people that a run never shows. All of them are in its scene graph, with names, materials and places. Their
-shapes are computed only if needed.
+shapes are computed only if needed. Threads may read different textures at once; each image is computed by one of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from threading import Lock
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from valerie.scene.graph.model import Mesh, Texture, freeze
+
+
+Value = TypeVar("Value")
+
+
+class _Once(Generic[Value]):
+    """A function without arguments that is computed in its first call, while other threads that call it wait."""
+
+    def __init__(self, make: Callable[[], Value]) -> None:
+        self._make, self._values, self._lock = make, list[Value](), Lock()
+
+    def __call__(self) -> Value:
+        with self._lock:
+            if not self._values:
+                self._values.append(self._make())
+        return self._values[0]
 
 
 class DeferredMesh(Mesh):
@@ -49,7 +66,7 @@ def deferred_textures(names: Sequence[str], make: Callable[[], Sequence[NDArray[
     Args:
         make: returns their images in the same order, each (H, W, 3 or 4) uint8.
     """
-    images = cache(make)
+    images = _Once(make)
     return {name: DeferredTexture(name, lambda index=index: images()[index]) for index, name in enumerate(names)}  # type: ignore[misc]
 
 
@@ -62,13 +79,8 @@ class DeferredTexture(Texture):
     """
 
     if not TYPE_CHECKING:
-        image = property(lambda self: self._image)
+        image = property(lambda self: self._image())
 
     def __init__(self, name: str, make: Callable[[], NDArray[np.uint8]]) -> None:
         object.__setattr__(self, "name", name)
-        object.__setattr__(self, "_make", make)
-
-    @cached_property
-    def _image(self) -> NDArray[np.uint8]:
-        make: Callable[[], NDArray[Any]] = self.__dict__["_make"]
-        return freeze(np.asarray(make(), np.uint8))
+        object.__setattr__(self, "_image", _Once(lambda: freeze(np.asarray(make(), np.uint8))))

@@ -7,6 +7,7 @@ when a drawn surface first needs it. Its array is then created again with one mo
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
 from typing import Final
@@ -61,21 +62,28 @@ class TextureSet:
 
     def require(self, materials: Iterable[Material]) -> None:
         """Upload the missing textures of these materials."""
+        missing = {
+            name: place
+            for material in materials
+            for place, name in enumerate(material.textures)
+            if name not in self.slots
+        }
+        # Images that are computed when first read are computed in two threads: colours first, since others may follow from them.
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda name: self._textures[name].image, sorted(missing, key=missing.__getitem__)))
         sides: set[int] = set()
-        for material in materials:
-            for name in material.textures:
-                if name not in self.slots:
-                    image = self._textures[name].image
-                    side = _side_for(image.shape[0], image.shape[1])
-                    layers = self._layers.setdefault(side, [])
-                    self.slots[name] = Slot(side, len(layers))
-                    layers.append(_as_layer(image, side))
-                    sides.add(side)
+        for name in missing:
+            image = self._textures[name].image
+            side = _side_for(image.shape[0], image.shape[1])
+            layers = self._layers.setdefault(side, [])
+            self.slots[name] = Slot(side, len(layers))
+            layers.append(_as_layer(image, side))
+            sides.add(side)
         for side in sorted(sides):
             if side in self.arrays:
                 self.arrays.pop(side).release()
             layers = self._layers[side]
-            array = self._gl.texture_array((side, side, len(layers)), 4, np.stack(layers).tobytes())
+            array = self._gl.texture_array((side, side, len(layers)), 4, np.stack(layers))
             array.build_mipmaps()
             array.anisotropy = 8.0
             array.repeat_x = array.repeat_y = True
