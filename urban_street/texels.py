@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from valerie.color import linear_to_srgb
 
-
 #: Rows of a picture that are encoded together: their intermediate results fit in the cache, which halves the time.
 _ROWS = 32
 

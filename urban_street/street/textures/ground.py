@@ -61,7 +61,7 @@ class _Layer:
         roughness, metallic: (H, W), in [0, 1].
     """
 
-    color: Field
+    color: NDArray[np.floating]
     roughness: Field
     metallic: Field
 

@@ -212,7 +212,11 @@ def _room(rng: np.random.Generator, things: tuple[_Thing, ...], place: _Place) -
             tint = tint * (0.25 + 1.4 * (0.3 * hue + 0.7 * hue.mean(0)))
         else:
             solid.append((low * extent, high * extent))
-        reach, side, albedo = np.where(seen, enter, reach), np.where(seen, axes.argmax(0), side), np.where(seen, tint, albedo)
+        reach, side, albedo = (
+            np.where(seen, enter, reach),
+            np.where(seen, axes.argmax(0), side),
+            np.where(seen, tint, albedo),
+        )
     at = eye + reach * ray
     normal = np.where(np.arange(3)[:, None, None] == side, -np.sign(ray), np.float32(0))
     # Contact shadow in the room's edges: the distance of the second nearest wall.

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from valerie.scene.graph.model import Mesh, Texture, freeze
 
-
 Value = TypeVar("Value")
 
 
