@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+
 import numpy as np
 import pytest
 
@@ -62,3 +65,31 @@ def test_textures_made_together_are_made_once_when_one_is_read() -> None:
     assert int(textures["dark"].image[0, 0, 0]) == 7
     assert int(textures["light"].image[0, 0, 0]) == 3
     assert (calls, [t.name for t in textures.values()]) == ([1], ["light", "dark"])
+
+
+def test_a_thread_waits_for_textures_that_another_thread_makes() -> None:
+    calls, made, go_on = list[int](), Event(), Event()
+
+    def make() -> list[np.ndarray]:
+        calls.append(1)
+        made.set()
+        assert go_on.wait(timeout=10)
+        return [np.full((2, 2, 3), value, np.uint8) for value in (3, 7)]
+
+    textures = deferred_textures(("light", "dark"), make)
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(lambda: textures["light"].image)
+        assert made.wait(timeout=10)
+        second = pool.submit(lambda: textures["dark"].image)
+        with pytest.raises(TimeoutError):
+            second.result(timeout=0.2)
+        go_on.set()
+        assert (int(first.result()[0, 0, 0]), int(second.result()[0, 0, 0]), calls) == (3, 7, [1])
+
+
+def test_textures_that_another_one_follows_from_are_read_at_the_same_time() -> None:
+    base = DeferredTexture("base", lambda: np.full((2, 2, 3), 3, np.uint8))
+    twice = DeferredTexture("twice", lambda: base.image * 2)
+    with ThreadPoolExecutor(2) as pool:
+        images = list(pool.map(lambda texture: texture.image, (twice, base)))
+    assert [int(image[0, 0, 0]) for image in images] == [6, 3]
