@@ -21,6 +21,7 @@ from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered
 from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
 from valerie.rendering.raster.gl.targets import SAMPLES, ScreenPass, area_of, surface_target
 from valerie.rendering.raster.gl.tiles import TILE, Area, Mask, TileGrid, widened
+from valerie.rendering.raster.gl.uniforms import Sampled
 from valerie.rendering.raster.light.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, falling_light, tiles_of
 from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
@@ -56,7 +57,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 16
+    revision: ClassVar[int] = 17
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -383,7 +384,7 @@ class RasterRenderer:
         self._moving.movables(frame.prepared.placed, textures, frame.table, drawing_matrices(frame.camera, frame.view))
         pixels = canvas.read_moving(area)
         body = canvas.grid.holding(pixels, area.x, area.y)
-        sources: dict[str, moderngl.Texture | moderngl.TextureArray] = {
+        sources: dict[str, Sampled] = {
             "uv_map": moving.colors[0],
             "frame_map": moving.colors[1],
             "row_map": moving.colors[2],

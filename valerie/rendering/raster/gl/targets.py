@@ -10,7 +10,7 @@ import numpy as np
 
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.raster.gl.tiles import Area, Spans
-from valerie.rendering.raster.gl.uniforms import Uniforms, bind, set_uniforms
+from valerie.rendering.raster.gl.uniforms import Sampled, Uniforms, bind, set_uniforms
 
 #: Samples per pixel and direction of the image. The truth has one sample, at the pixel's centre.
 SAMPLES: Final = 2
@@ -134,7 +134,7 @@ class ScreenPass:
         self,
         target: RenderTarget,
         parts: Spans,
-        textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
+        textures: Mapping[str, Sampled],
         values: Uniforms,
         *,
         depth: Literal["ignored", "written", "tested"] = "ignored",

@@ -13,6 +13,8 @@ from valerie.rendering.projection import Points
 
 #: Value of a uniform: a number, a tuple of numbers or an array of floats.
 Uniform: TypeAlias = float | Sequence[float] | NDArray[np.floating[Any]]
+#: Texture that a shader reads.
+Sampled: TypeAlias = moderngl.Texture | moderngl.TextureArray | moderngl.Texture3D
 #: Values of uniforms by their names in GLSL.
 Uniforms: TypeAlias = Mapping[str, Uniform]
 
@@ -38,7 +40,7 @@ def set_uniforms(program: moderngl.Program, values: Uniforms) -> None:
 
 def bind(
     program: moderngl.Program,
-    textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
+    textures: Mapping[str, Sampled],
     sampler: moderngl.Sampler | None = None,
 ) -> list[int]:
     """Bind the textures that a program reads to texture units.

@@ -21,12 +21,13 @@ from valerie.rendering.raster.gl.targets import (
     ScreenPass,
 )
 from valerie.rendering.raster.gl.tiles import Spans
-from valerie.rendering.raster.gl.uniforms import Uniform, Uniforms
+from valerie.rendering.raster.gl.uniforms import Sampled, Uniform, Uniforms
 from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
 from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
 from valerie.rendering.raster.light.pane_image import PaneImage
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
 from valerie.rendering.raster.upload.drawing import table_texture
+from valerie.rendering.raster.upload.nearby import nearby
 from valerie.rendering.raster.upload.surroundings import from_below, reflected, sky_weights, snowed
 from valerie.rendering.sky import Sky
 from valerie.rendering.snowfall import FLAKE_VIEW, chance
@@ -49,6 +50,7 @@ class SkyLight:
     Attributes:
         table: the sky's radiance, for `lighting.frag`.
         hidden, weights: see `sky_weights`.
+        near, near_values: table of `nearby`, its layers one above the other, and the uniforms that place it.
         hiding: radiance of the surfaces that hide the sky in each direction, for `lighting.frag`.
         ground: (3,) radiance of the ground.
         on_walls: (3,) see `Reflected`.
@@ -72,11 +74,18 @@ class SkyLight:
         self.hiding = gl.texture((len(directions), 1), 3, light.hidden.astype(np.float32).tobytes(), dtype="f4")
         self.hiding.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.ground, self.on_walls = light.ground, light.on_walls
+        geometry = statics.geometry
+        shares = statics.share[sample.rows] * sky_maps.openness.any(axis=1)
+        near = nearby(sample, shares, light, directions, np.stack([geometry.core_low, geometry.core_high]))
+        layers, up, along, across, _ = near.table.shape
+        self.near = gl.texture3d((across, along, layers * up), 4, near.table.tobytes(), dtype="f4")
+        self.near.repeat_x = self.near.repeat_y = self.near.repeat_z = False
+        self.near_values: Uniforms = {"near_low": near.low, "near_size": near.size}
 
     def release(self) -> None:
         """Free the textures."""
-        self.table.release()
-        self.hiding.release()
+        for texture in (self.table, self.hiding, self.near):
+            texture.release()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,7 +252,7 @@ class Lighting:
             skylight=_Step(
                 self.skylight,
                 targets.skylight,
-                depth | {"first": first, "second": second},
+                geometry | {"first": first, "second": second, "near": day.light.near},
                 {**camera, **_skylight_values(day.light, bounce)},
             ),
             plain=_Step(self.plain, targets.plain, samples, camera),
@@ -280,7 +289,7 @@ class _Step:
 
     screen_pass: ScreenPass
     target: RenderTarget
-    textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]
+    textures: Mapping[str, Sampled]
     values: Uniforms
     samples: int = 1
     depth: Literal["ignored", "written", "tested"] = "ignored"
@@ -366,12 +375,12 @@ def _skylight_values(light: SkyLight, bounce: NDArray[np.float64] | None) -> Uni
     hidden = light.hidden.copy()
     if bounce is not None:
         hidden[:3] += from_below(bounce)
-    return {"hidden": hidden.reshape(-1), "weights": light.weights.reshape(-1)}
+    return {"hidden": hidden.reshape(-1), "weights": light.weights.reshape(-1), **light.near_values}
 
 
 def _shading_textures(
     targets: ImageTargets, surfaces: Surfaces, day: Daylight, movable_shadow: ShadowMap | None
-) -> dict[str, moderngl.Texture | moderngl.TextureArray]:
+) -> dict[str, Sampled]:
     statics = surfaces.statics
     assert statics.depth is not None
     assert day.shadow.casters is not None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import moderngl
 import numpy as np
 
-from valerie.rendering.raster.gl.uniforms import Uniforms, bind, set_uniforms
+from valerie.rendering.raster.gl.uniforms import Sampled, Uniforms, bind, set_uniforms
 from valerie.rendering.raster.upload.materials import SurfaceKind
 from valerie.scene.graph.model import ROOM_CELLS
 
@@ -135,7 +135,7 @@ class SurfaceDrawer:
         if cut:
             # A program of its own, so that no state of this one reaches the image or the truth.
             defines["BEYOND"] = 1
-        samplers: dict[str, moderngl.Texture | moderngl.TextureArray] = {"material_table": table}
+        samplers: dict[str, Sampled] = {"material_table": table}
         if kind.color_side and (read or kind.cut):
             defines["COLOR_TEXTURE"] = 1
             samplers["color_textures"] = textures.arrays[kind.color_side]

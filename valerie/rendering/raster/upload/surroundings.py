@@ -69,11 +69,13 @@ class Reflected:
         hidden: (K, 3) radiance of the surfaces that hide the sky in each direction.
         ground: (3,) radiance of the ground.
         on_walls: (3,) mean light on walls, as the radiance of white walls.
+        radiance: (N, 3) radiance of each place of the sample.
     """
 
     hidden: Points
     ground: Points
     on_walls: Points
+    radiance: Points
 
 
 def sample_surfaces(
@@ -202,14 +204,14 @@ def reflected(
     direct = (gather * openness) @ sky.radiance(directions) + sunlit[:, None] * sky.sun
     facing = np.maximum(-cosines, 0) * weight[:, None]
     below = np.maximum(upward, 0) * (sample.points[:, 2] < sample.lowest + _GROUND_BAND) * weight
-    hidden, ground, light = np.zeros((count, 3)), np.zeros(3), direct
+    hidden, ground, light, radiance = np.zeros((count, 3)), np.zeros(3), direct, albedo * direct
     for _ in range(_BOUNCES):
         light = direct + (gather * ~openness) @ hidden + (0.5 - 0.5 * upward)[:, None] * ground
         radiance = albedo * light
         hidden = facing.T @ radiance / np.maximum(facing.sum(axis=0), 1e-9)[:, None]
         ground = below @ radiance / below.sum() if below.sum() > 0 else level
     walls = (np.abs(upward) < _WALL_SLOPE) * weight
-    return Reflected(hidden, ground, walls @ light / max(float(walls.sum()), 1e-9))
+    return Reflected(hidden, ground, walls @ light / max(float(walls.sum()), 1e-9), radiance)
 
 
 def snowed(albedo: Points, upward: Points, traffic: Points, depth: float) -> Points:
@@ -241,8 +243,9 @@ def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) ->
         directions, hidden, ground: as in `reflected`.
 
     Returns:
-        (4, 4) sums if no direction is open, and (K, 4, 4) increments per 1/255 of openness. Three rows hold the mean and the
-        parts along x, y and z of red, green and blue; the last row holds their zonal parts of order 2, and 0.
+        (7, 4) sums if no direction is open, and (K, 7, 4) increments per 1/255 of openness. Three rows hold the mean and the
+        parts along x, y and z of red, green and blue; the next row holds their zonal parts of order 2, and 0. The last three are
+        moments of the hidden directions: 1, x, y, z; xx, xy, xz, yy; yz, zzx, zzy, zzz.
     """
     count = len(directions)
     light = sky.radiance(directions)
@@ -251,13 +254,17 @@ def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) ->
     basis = np.column_stack([np.ones(count), 3 * directions]) * share
     zonal = (2.5 * (3 * directions[:, 2] ** 2 - 1) * share)[:, None]
 
+    x, y, z = directions.T
+    products = np.stack([np.ones(count), x, y, z, x * x, x * y, x * z, y * y, y * z, z * z * x, z * z * y, z * z * z])
+    moments = share * products.T.reshape(count, 3, 4)
+
     def parts(radiance: Points) -> Points:
         second = np.column_stack([radiance * zonal, np.zeros(count)])
         return np.concatenate([radiance[:, :, None] * basis[:, None], second[:, None]], axis=1)
 
-    sums = parts(hidden).sum(axis=0)
+    sums = np.concatenate([parts(hidden), moments], axis=1).sum(axis=0)
     sums[:3] += from_below(ground)
-    return sums, parts(light - hidden) / 255
+    return sums, np.concatenate([parts(light - hidden), -moments], axis=1) / 255
 
 
 def from_below(radiance: Points) -> Points:
