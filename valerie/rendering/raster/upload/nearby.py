@@ -1,8 +1,8 @@
 """Light of the surfaces near a place, as its difference from the scene's mean, on a coarse grid. Uses no GPU.
 
-`reflected` gives each hidden direction, and the ground, one radiance for the whole scene. That is too dark opposite a sunlit house,
-and too bright between shaded ones. So each cell of a grid has the radiance of the surfaces around it as a linear function of the
-direction, and that of the surfaces below it. ``skylight.frag`` adds the differences where surfaces hide the sky.
+`reflected` gives each hidden direction, and the ground, one radiance for the whole scene. That is too dark opposite a sunlit
+house, and too bright between shaded ones. So each cell of a grid has the radiance of the surfaces around it as a linear function
+of the direction, and that of the surfaces below it. ``skylight.frag`` adds the differences where surfaces hide the sky.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def nearby(sample: SurfaceSample, shares: Points, light: Reflected, directions: 
     of_scene = np.linalg.lstsq(linear, light.hidden, rcond=None)[0]
     table = np.zeros((4, *counts[::-1], 4), np.float32)
     for row, column in np.ndindex(len(y), len(x)):
-        places = np.column_stack([np.full(len(z), x[column]), np.full(len(z), y[row]), z])
+        places: Points = np.stack([np.full_like(z, x[column]), np.full_like(z, y[row]), z], axis=1)
         above, below = surfaces.around(places[0, :2]).light_at(places, of_scene, light.ground)
         above -= of_scene
         # Black is the least radiance in any direction.

@@ -258,13 +258,16 @@ def test_sky_weights_add_up_to_the_mean_light_of_all_directions() -> None:
     sums = hidden + np.tensordot(steps, weights, 1)
 
     # Direction by direction, as light that arrives from the upper hemisphere and a uniform lower one.
-    expected = np.zeros((4, 4))
+    expected = np.zeros((7, 4))
     radiances = zip(DIRECTIONS, sky.radiance(DIRECTIONS), street, steps, strict=True)
     for direction, radiance, instead, step in radiances:
         share = step / 255
         light = radiance * share + instead * (1 - share)
         expected[:3] += np.outer(light, [1, *(3 * direction)]) / 64
         expected[3, :3] += light * 5 * (1.5 * direction[2] ** 2 - 0.5) / 64
+        x, y, z = direction
+        products = [[1, x, y, z], [x * x, x * y, x * z, y * y], [y * z, x * z * z, y * z * z, z**3]]
+        expected[4:] += (1 - share) * np.array(products) / 64
     expected[:3] += np.outer(ground, [0.5, 0, 0, -0.75])
     np.testing.assert_allclose(sums, expected, rtol=1e-12, atol=1e-12)
 
