@@ -86,7 +86,8 @@ def nearby(sample: SurfaceSample, shares: Points, light: Reflected, directions: 
         directions: (K, 3) unit vectors of ``light.hidden``.
         box: (2, 3) its corners, metres.
     """
-    low, size = box[0], np.maximum(box[1] - box[0], 1e-3)
+    # At least one cell high: the middle of a flat scene may lie below its ground.
+    low, size = box[0], np.maximum(box[1] - box[0], _CELL)
     larger = max(float(np.prod(size / _CELL)) / _CELLS, 1.0) ** (1 / 3)
     counts = np.ceil(size / (_CELL * larger)).astype(int)
     x, y, z = (low[i] + (np.arange(counts[i]) + 0.5) * size[i] / counts[i] for i in range(3))

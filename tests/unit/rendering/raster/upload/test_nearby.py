@@ -128,7 +128,7 @@ class TestNearby:
 
     def test_toward_a_bright_wall_it_is_bright_and_below_it_is_the_ground(self) -> None:
         sample = self.sample()
-        box = np.array([[-3.0, -4, 0], [5, 4, 6]])
+        box = np.array([[-3.0, -4, 0], [5, 4, 2]])  # one cell is 6 m high
         near = nearby(sample, np.ones(len(sample.points)), self.light(sample, 2.0, 0.25, 1.0), DIRECTIONS, box)
         assert near.table.shape == (4, 1, 1, 1, 4)
         mean, x, *_ = near.table[0, 0, 0, 0]
