@@ -96,7 +96,7 @@ def nearby(sample: SurfaceSample, shares: Points, light: Reflected, directions: 
         sample.points[counting], sample.normals[counting], light.radiance[counting], sample.area * shares[counting]
     )
     linear = np.column_stack([np.ones(len(directions)), directions])
-    of_scene: Points = np.linalg.lstsq(linear, light.hidden, rcond=None)[0]
+    of_scene: Points = np.linalg.pinv(linear) @ light.hidden
     table = np.zeros((4, *counts[::-1], 4), np.float32)
     for row, column in np.ndindex(len(y), len(x)):
         places = np.stack([np.full_like(z, x[column]), np.full_like(z, y[row]), z], axis=1)
