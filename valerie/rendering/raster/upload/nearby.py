@@ -22,7 +22,7 @@ _CELLS: Final = 512
 #: Distance at which a surface no longer counts, metres. Others probably hide it.
 _FAR: Final = 24.0
 #: Weight of the scene's mean, as a form factor. It decides where few surfaces are near.
-_PRIOR: Final = 0.05
+_PRIOR: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
