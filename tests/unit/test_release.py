@@ -15,19 +15,17 @@ from pydantic import TypeAdapter
 from sqlalchemy import Engine, insert, select, text
 from sqlalchemy.orm import Session
 
-from services.eval_worker import tasks as evaluation
-from services.infer_worker import tasks as inference
-from services.render_worker import tasks as rendering
+from services.eval_worker.tasks import register
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.summary.summary import Summary
-from valerie.broker import create_celery
+from valerie.broker import INFER, RENDER, create_celery
 from valerie.db import fed_blocks, frames, functions, processes, results, runs
 from valerie.db.engine import open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Base, Product, Worker
 from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.work import finish
-from valerie.pipeline.work.child import Child
+from valerie.pipeline.work.child import Child, declare_task
 from valerie.plain import typed
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pins import AnyOffer, Pins
@@ -151,8 +149,9 @@ def test_the_queries_read_the_run_and_what_became_of_it(engine: Engine) -> None:
 @pytest.fixture(scope="module")
 def app() -> Celery:
     app = create_celery(load_settings({}, broker_url="memory://"))
-    for worker in (rendering, inference, evaluation):
-        worker.register(app)
+    for name in (RENDER, INFER):
+        declare_task(name, app)
+    register(app)
     return app
 
 

@@ -44,13 +44,13 @@ def test_threads_and_precisions_of_a_shipped_function_agree_and_its_other_weight
     function: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model, mine = in_precision(monkeypatch, function, "fp32", 1)
-    for precision, threads in (("fp32", 2), ("bf16", 1)):
+    for precision, threads in (("fp32", 4), ("bf16", 1)):
         offer, theirs = in_precision(monkeypatch, function, precision, threads)
         assert offer.numeric_class != model.numeric_class
         stored = {specimen_key(model): mine, specimen_key(offer): theirs}
         assert agree(model, offer, stored, BOUNDS), (precision, threads)
     (other,) = (name for name in FUNCTIONS if name != function)
-    strange, theirs = in_precision(monkeypatch, other, "fp32", 2)
+    strange, theirs = in_precision(monkeypatch, other, "fp32", 4)
     as_ours = strange.model_copy(update={"digest": getattr(model, "digest", ""), "name": function})
     assert not agree(model, as_ours, {specimen_key(model): mine, specimen_key(as_ours): theirs}, BOUNDS)
 
