@@ -1,4 +1,4 @@
-"""Compare the brightness of a street in the raster engine and in Cycles: ratios per class under four skies.
+"""Compare the brightness of a street in the raster engine and in Cycles: ratios per class under five skies.
 
 ``make bench-light``, or ``python -m benchmarks.bench_light [--width W --height H --samples N]``; about four minutes of one core.
 It renders the background of `urban-street` from ``camera-1``. A class's ratio is that of its mean linear values in the two
@@ -31,6 +31,7 @@ SKIES: Final[dict[str, Mapping[str, Value]]] = {
     "clear": {},
     "low sun": {"scene.sun-1.elevation": 25.0, "scene.sun-1.azimuth": 120.0},
     "overcast": {"scene.environment-1.cloud_cover": 1.0},
+    "along the street": {"scene.sun-1.azimuth": 190.0},
     "rain": {"scene.environment-1.cloud_cover": 1.0, "scene.environment-1.rain": 15.0},
 }
 #: Smallest share of the picture that a reported class covers.

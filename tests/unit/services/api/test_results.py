@@ -29,7 +29,10 @@ def table(drawn: DrawnRuns) -> list[Row]:
 
 
 def walk(client: httpx.Client, run: str, *, limit: int = 17, **parameters: Any) -> list[Row]:
-    return every_item(client, f"/v1/runs/{run}/evaluations", limit=limit, **parameters)
+    path = f"/v1/runs/{run}/evaluations"
+    rows = every_item(client, path, limit=limit, **parameters)
+    assert client.get(path, params={"limit": 1, **parameters}).json()["total"] == len(rows)
+    return rows
 
 
 def test_the_pages_are_the_stored_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:

@@ -68,6 +68,8 @@ class TextureSet:
             for place, name in enumerate(material.textures)
             if name not in self.slots
         }
+        if not missing:
+            return
         # Images that are computed when first read are computed in two threads: colours first, since others may follow from them.
         with ThreadPoolExecutor(2) as pool:
             list(pool.map(lambda name: self._textures[name].image, sorted(missing, key=missing.__getitem__)))
