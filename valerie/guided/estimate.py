@@ -12,7 +12,9 @@ pool. Batches of n points are combined with weights ω ∝ 1 / (r/n + 1/M). Befo
 plain Monte Carlo's variance: that of a calibrated g, and that of failures that no surrogate expects. The interval is
 p̂ exp(± t √V / p̂). The variance of a batch in V is at least the foreseen one of a calibrated g, scaled to all batches.
 
-α follows ε, the weighted share of failures where g < `KNOWN`, as √ε / (√ε + 0.35).
+The operational share α is the one with the least variance. With h, the weighted number of failures where g < `KNOWN` per
+evaluated point, and u, the variance of guided points alone for a calibrated g, the variance is about h/α + u/(1 − α), so
+α = √h / (√h + √u).
 
 Where the term w(I − λg) of a single point is more than `HEAVIEST` of the sum, the interval is the gamma interval for
 weighted sums, with the largest weight that an unseen failure can have (Fay and Feuer 1997, *Statistics in Medicine* 16,
@@ -50,8 +52,10 @@ from valerie.parameters.samplers import UnitPoints
 from valerie.statistics.intervals import Interval, highest_share, mean_interval
 from valerie.statistics.units import Estimand, sampling_units
 
-#: Range of the operational share α of guided batches; the first one has the least.
+#: Range of the operational share α of guided batches.
 SHARES: Final = (0.5, 0.9)
+#: Weighted number of failures that no surrogate expects which is taken as seen before any is.
+UNEXPECTED: Final = 0.05
 #: Points of a pool for each point of its batch, so that it costs about 2 % of rendering them, within this range; for large
 #: batches at least `LEAST_POOL` each.
 POOL: Final = 40
@@ -261,12 +265,13 @@ class Estimate:
         aim = np.sort(true[defined])[FEW - 1] if np.count_nonzero(scores < self.at_least) < FEW else 0.0
         aimed = possible * failure_probability(of_pool - max(aim, 0.0), error)
         spread = np.sqrt(aimed * (1 - aimed) + ((1 - control) ** 2 + DOUBT) * aimed**2) + 1e-12
+        doubt = expected * (1 - expected) + ((1 - control) * expected) ** 2
 
-        share = self._share(told)
+        share = self._share(told, float((doubt / spread).mean() * spread.mean()))
         operational = math.ceil(share * count)
         share = operational / count
         weights = 1 / (share + (1 - share) * len(pool) * spread / spread.sum())
-        variance = float((weights * (expected * (1 - expected) + ((1 - control) * expected) ** 2)).mean())
+        variance = float((weights * doubt).mean())
         chosen = np.concatenate(
             [
                 rng.choice(len(pool), operational, replace=False),
@@ -305,19 +310,21 @@ class Estimate:
     def _told(self) -> list[tuple[Draws, Scores]]:
         return list(zip(self.draws, self.scores, strict=False))
 
-    def _share(self, told: list[tuple[Draws, Scores]]) -> float:
-        unknown = self._unknown(told)
-        return SHARES[0] if math.isnan(unknown) else float(np.clip(unknown**0.5 / (unknown**0.5 + 0.35), *SHARES))
+    def _share(self, told: list[tuple[Draws, Scores]], guided: float) -> float:
+        """Return α for a variance u of ``guided`` points."""
+        _, missed = self._weighted_failures(told)
+        hidden = (UNEXPECTED + missed) / sum(len(scores) for _, scores in told)
+        return float(np.clip(hidden**0.5 / (hidden**0.5 + guided**0.5), *SHARES))
 
-    def _unknown(self, told: list[tuple[Draws, Scores]]) -> float:
-        """Return ε, the weighted share of failures in guided batches that their surrogates did not expect."""
+    def _weighted_failures(self, told: list[tuple[Draws, Scores]]) -> tuple[float, float]:
+        """Return the weighted number of failures in guided batches, and of those that their surrogates did not expect."""
         total = missed = 0.0
         for draws, scores in told:
             if draws.predicted is not None:
                 failing = draws.weights * (scores < self.at_least)
                 total += float(failing.sum())
                 missed += float(failing[draws.expected < KNOWN].sum())
-        return missed / total if total else math.nan
+        return total, missed
 
     def _control(
         self, told: list[tuple[Draws, Scores]], expected: NDArray[np.float64], recent: NDArray[np.bool_]
@@ -346,12 +353,13 @@ class Estimate:
         if evaluations < self.first:
             raise InvalidInput("the first points lack scores", field="scores", value=evaluations, limit=self.first)
         counted = np.concatenate([scores[: draws.counted] for draws, scores in told])
+        total, missed = self._weighted_failures(told)
         return FailureRate(
             _share_interval(counted < self.at_least, level),
             self._assisted(told, level) if told[-1][0].number else None,
             _share_interval(np.isnan(counted), level),
             1 - 0.05 ** (1 / len(counted)),
-            self._unknown(told),
+            missed / total if total else math.nan,
             *self._unforeseen(told),
             evaluations,
         )

@@ -69,6 +69,15 @@ def test_weights_are_the_density_ratio_so_that_their_mean_is_one() -> None:
     assert max(values.max() for values in weights) <= 1 / 0.5 + 1e-9
 
 
+def test_failures_that_the_surrogate_does_not_expect_raise_the_operational_share() -> None:
+    def surprising(points: Points) -> Points:
+        return np.where(1000 * points[:, 0] % 1 < 0.02, 0.3, smooth(points))
+
+    for seed in range(4):
+        assert told(smooth, seed, 640).draws[-1].share < 0.65
+        assert told(surprising, seed, 640).draws[-1].share > 0.8
+
+
 def test_guided_batches_hold_more_failures_than_operational_ones() -> None:
     strategy = told(smooth, 3, 640)
     shares = [np.mean(scores < 0.5) for scores in strategy.scores]
