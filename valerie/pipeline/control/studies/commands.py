@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Final
 
 import numpy as np
 
 from valerie.db import runs, studies
 from valerie.db.engine import database_moment, reading, writing
 from valerie.db.studies import BatchRow, StudyRow
-from valerie.errors import Conflict, InvalidInput, NotFound
+from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.planning import plan_run
@@ -26,9 +25,6 @@ from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import StudyDocument, StudyState
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.reasons import reason_text
-
-#: States of runs that can be cancelled with their study.
-_ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +225,7 @@ def stop(context: Context, study_id: str) -> None:
             finished_at=database_moment(connection),
         )
     for run_id in _open_runs(batches):
-        if _state(context, run_id) in _ACTIVE:
+        if _state(context, run_id) in lifecycle.CANCELLABLE:
             lifecycle.cancel(context, run_id)
 
 
@@ -284,7 +280,5 @@ def _open_runs(batches: list[BatchRow]) -> list[str]:
 
 def _state(context: Context, run_id: str) -> RunState | None:
     with reading(context.engine) as connection:
-        try:
-            return runs.get(connection, run_id).state
-        except NotFound:
-            return None
+        run = runs.find(connection, run_id)
+    return None if run is None else run.state
