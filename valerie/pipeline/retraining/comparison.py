@@ -24,6 +24,7 @@ from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import pinned_card
+from valerie.pipeline.base.progress import Pace
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.capture import capture_of
@@ -37,7 +38,6 @@ from valerie.pipeline.reading.selection import (
     run_where,
 )
 from valerie.pipeline.reading.tables import designs_of, varied_types
-from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.pipeline.retraining.weak_scenes import run_values
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pins import inference_part, numeric_classes
@@ -96,7 +96,7 @@ def compare_on_run(
     open_function: Callable[[str], PerceptionFunction],
     grouping: Grouping = Grouping(),
     mixed: bool = False,
-    progress: Callable[[EvaluationProgress], None] = lambda _: None,
+    progress: Pace = lambda *_: None,
 ) -> VersionComparison:
     """Compare functions on a run's frames; the first is "before".
 
@@ -109,7 +109,7 @@ def compare_on_run(
         open_function: opens a reference.
         grouping: groups of persons.
         mixed: also compare versions in different numeric classes, to see the effect of precision or engine.
-        progress: called after every predicted frame.
+        progress: is told the frames that a function has seen, and its name.
 
     Raises:
         NotFound, InvalidInput, UnknownName: no such run, function or column.
@@ -226,7 +226,7 @@ def _evaluate(
     frames: Sequence[ChosenFrame],
     reference: str,
     open_function: Callable[[str], PerceptionFunction],
-    progress: Callable[[EvaluationProgress], None],
+    progress: Pace,
 ) -> _Evaluated:
     """Predict and score every frame in this process, like the evaluation stage."""
     varied, name = varied_types(run.resolved), display_name(reference)
@@ -253,8 +253,7 @@ def _evaluate(
                     **scores.measures,
                 }
                 rows.append({column: row.get(column) for column in _columns(varied)})
-            rate = done / max(time.monotonic() - started, 1e-9)
-            progress(EvaluationProgress(name, done, len(frames), rate))
+            progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
     finally:
         function.close()
     return _Evaluated(EvaluationTable.from_rows(rows, varied, designs_of(run)), matrices)

@@ -37,6 +37,7 @@ from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import pinned_card
+from valerie.pipeline.base.progress import Pace
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
@@ -195,22 +196,6 @@ def compare_twins(
 
 
 @dataclass(frozen=True, slots=True)
-class EvaluationProgress:
-    """Progress of an evaluation.
-
-    Attributes:
-        function: the function that is evaluated.
-        done, total: numbers of frames; on a data set those of all functions together.
-        frames_per_s: rate since the start.
-    """
-
-    function: str
-    done: int
-    total: int
-    frames_per_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class _Truth:
     """A labelled frame for `score_frame`; the persons are the visible ones."""
 
@@ -224,7 +209,7 @@ def evaluate_dataset(
     references: Sequence[str],
     *,
     open_function: Callable[[str], PerceptionFunction],
-    progress: Callable[[EvaluationProgress], None] = lambda _: None,
+    progress: Pace = lambda *_: None,
 ) -> DatasetResult:
     """Evaluate functions on one split, one function after the other.
 
@@ -232,7 +217,7 @@ def evaluate_dataset(
         folder: the split.
         references: references of the functions; at least one.
         open_function: opens a reference; the function is closed before the next is opened.
-        progress: called after every frame.
+        progress: is told the frames so far, of all functions together, and the function that sees them.
 
     Raises:
         InvalidInput: no function, one named twice, or files that are no labels.
@@ -265,8 +250,7 @@ def evaluate_dataset(
                     persons += scored.persons
                     rows += _person_rows(scored, name, frame, index, dataset)
                 done += 1
-                rate = done / max(time.monotonic() - started, 1e-9)
-                progress(EvaluationProgress(name, done, total, rate))
+                progress(done, total, done / max(time.monotonic() - started, 1e-9), name)
             evaluated.append(
                 FunctionResult(
                     name=name,
