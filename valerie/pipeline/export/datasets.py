@@ -7,20 +7,25 @@ name. So the target is complete or does not exist, and the same request continue
 
 from __future__ import annotations
 
-import errno
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from valerie.errors import StorageFull, StorageUnavailable
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.progress import Pace
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.export.export_plan import ExportPlan, ExportSettings, plan_export
-from valerie.pipeline.export.folder import FRAGMENTS, close_partial, open_partial, require_free_name, require_room
+from valerie.pipeline.export.folder import (
+    FRAGMENTS,
+    close_partial,
+    new_folder,
+    open_partial,
+    require_free_name,
+    require_room,
+)
 from valerie.pipeline.export.frame_files import FrameWriter
 from valerie.pipeline.export.joining import write_documents
-from valerie.pipeline.reading.run_cache import RunCache
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,27 +69,16 @@ def export_run(
         StorageFull: there is not enough room; nothing was written.
         StorageUnavailable: ``out`` cannot be written. The same export continues from what was written so far.
     """
-    runs = RunCache(context)
-    run = runs.run(run_id)
+    run = read_run(context, run_id)
     require_free_name(out)
     plan = plan_export(context, run, settings)
     require_room(out, plan.bytes, f"{len(plan.frames):,} frames", context.settings.min_free_mb)
-    partial = out.with_name(f".{out.name}.partial")
-    try:
+    with new_folder(out, resumes=True) as partial:
         open_partial(partial, plan.request())
-        _write_frames(FrameWriter(context, runs, plan), plan, partial, progress)
-        described = write_documents(context.engine, plan, partial)
+        _write_frames(FrameWriter(context, plan), plan, partial, progress)
+        splits, lost = write_documents(context.engine, plan, partial)
         close_partial(partial)
-        if out.exists():
-            out.rmdir()
-        partial.rename(out)
-    except OSError as error:
-        if error.errno == errno.ENOSPC:
-            raise StorageFull(
-                f"no space left for {out}; free some and run the same export again to continue"
-            ) from error
-        raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
-    return Exported(out, described.splits, plan.left_out, described.polygons_lose_percent)
+    return Exported(out, splits, plan.left_out, lost)
 
 
 def _write_frames(writer: FrameWriter, plan: ExportPlan, partial: Path, progress: Pace) -> None:

@@ -35,7 +35,7 @@ from valerie.pipeline.base.environment import environment, software
 from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.progress import Count
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.scenes import SceneRun, match_scenes
@@ -380,11 +380,7 @@ class _Pictures:
     ) -> bytes | None:
         try:
             source = find_picture(self._context, FrameKey.parse(frame_id), kind=kind, function=function, sensor=sensor)
-            picture = (
-                paint_picture(self._context, source)
-                if person is None
-                else paint_close_up(self._context, source, person)
-            )
+            picture = paint_picture(self._context, source, person=person)
         except TransientError:
             raise  # otherwise the report would lack this picture for good
         except ValerieError as error:

@@ -16,11 +16,11 @@ from valerie.errors import InferenceError, ValerieError
 from valerie.measures import Measures
 from valerie.perception.running.batches import require_size
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import started_run
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.product_reader import ProductReader
-from valerie.pipeline.reading.run_cache import RunCache
 from valerie.runs.products.pins import FunctionPin
 from valerie.sensing.picture_levels import picture_levels
 from valerie.storage import codecs
@@ -47,7 +47,6 @@ class InferMaker:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
         self._source = FunctionLoader(context)
         self._settings = context.settings
@@ -83,7 +82,7 @@ class InferMaker:
     def _predict(self, job: Job) -> Predicted:
         """Predict one picture together with some of the next ones."""
         started = time.process_time()
-        run, look = self._runs.run(job.frame.key.run_id), _look(job)
+        run, look = started_run(self._context, job.frame.key.run_id), _look(job)
         name = run.resolved.spec.functions[look.function]
         function = self._function(name, run.pins.at(job.frame.assignment).functions[name])
         pictures = {job.digest: self._picture(job)}
@@ -134,7 +133,7 @@ class InferMaker:
 
     def _picture(self, job: Job) -> NDArray[uint8]:
         """Return the picture that the function sees."""
-        resolved = self._runs.run(job.frame.key.run_id).resolved
+        resolved = started_run(self._context, job.frame.key.run_id).resolved
         look = _look(job)
         capture = capture_of(resolved, job.frame, look.sensor)
         return capture.empty_picture(self._reader) if job.digest == look.empty else capture.picture(self._reader)
