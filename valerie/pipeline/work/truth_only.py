@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from valerie import plugins
 from valerie.measures import MEASURES, TableRow
 from valerie.parameters.assignment import Assignment
+from valerie.pipeline.work.makers.rendering import cpu_seconds_elsewhere
 from valerie.rendering.base import View
 from valerie.rendering.truth import TruthMaker
 from valerie.rendering.visibility import Visibility, measure
@@ -73,10 +74,10 @@ def price_of_layers(resolved: ResolvedRun, asset: SceneAsset, variants: Sequence
         scenes = [apply(resolved.at(variant.assignment.values, 0), asset) for variant in variants]
         engine.background(scenes[0], view)
         engine.layer(scenes[0], view)
-        started = time.process_time() + getattr(engine, "cpu_seconds_elsewhere", 0.0)
+        started = time.process_time() + cpu_seconds_elsewhere(engine)
         for scene in scenes:
             engine.layer(scene, view)
-        return float(time.process_time() + getattr(engine, "cpu_seconds_elsewhere", 0.0) - started) / len(scenes)
+        return (time.process_time() + cpu_seconds_elsewhere(engine) - started) / len(scenes)
     finally:
         engine.close()
 
