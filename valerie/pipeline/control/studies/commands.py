@@ -21,7 +21,6 @@ from valerie.pipeline.control.submit import new_id
 from valerie.runs.forecasting.plan import Plan
 from valerie.runs.moments import moment_text
 from valerie.runs.products.states import RunState
-from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import StudyDocument, StudyState
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.reasons import reason_text
@@ -37,7 +36,7 @@ class NextBatch:
         legal, rejected: numbers of variants.
         accepted: False while it waits for a person.
         run_id: id of its run; None before it starts.
-        spec: spec of its run.
+        spec: spec of its run, as YAML.
         plan: size and cost of its run.
     """
 
@@ -47,7 +46,7 @@ class NextBatch:
     rejected: int
     accepted: bool
     run_id: str | None
-    spec: RunSpec
+    spec: str
     plan: Plan
 
 
@@ -70,7 +69,7 @@ def plan_study(context: Context, document: StudyDocument, *, project: str = "") 
         len(proposal) - legal,
         False,
         None,
-        spec,
+        spec.to_yaml(),
         plan,
     )
 
@@ -147,7 +146,7 @@ def next_batch(context: Context, study_id: str) -> NextBatch:
         len(batch.rejected),
         batch.accepted_at is not None,
         batch.run_id,
-        spec,
+        spec.to_yaml(),
         plan_run(context, spec, notes=pursuit.study.run.notes),
     )
 
@@ -191,7 +190,7 @@ def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
 
 
 def set_mode(context: Context, study_id: str, *, by_hand: bool) -> None:
-    """Set whether a person accepts each batch. In automatic mode, a waiting proposal is accepted at once.
+    """Let a person accept each batch, or accept them automatically, a waiting proposal at once.
 
     Raises:
         NotFound, Conflict: no such study, or it has ended.
