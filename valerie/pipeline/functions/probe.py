@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -35,13 +36,10 @@ _KNOWN: Final = frozenset({"raster", "pyrender", plugins.TESTING_ENGINE, *FUNCTI
 
 def probe_engine(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
     """Return the offers of one render engine and of the truth pass beside it; add their specimens to ``specimens``."""
-    renderer = plugins.create_renderer(name)
-    try:
+    with closing(plugins.create_renderer(name)) as renderer:
         engine = _offer(Stage.RENDER, name, renderer.numeric_class, renderer.revision)
         if specimens is not None and name in _KNOWN:
             add_image(specimens, engine, renderer)
-    finally:
-        renderer.close()
     truth_pass = plugins.create_truth_pass(name if name == plugins.TESTING_ENGINE else "")
     truth = _offer(Stage.RENDER, TRUTH, truth_pass.numeric_class, truth_pass.revision)
     if specimens is not None:
@@ -63,15 +61,12 @@ def probe_function(name: str, specimens: Specimens | None = None) -> list[AnyOff
     if name in inference_names():
         return probe_inference(name, specimens)
     settings = load_settings()
-    function = open_installed(name, settings, threads=settings.inference_threads)
-    try:
+    with closing(open_installed(name, settings, threads=settings.inference_threads)) as function:
         plain = _offer(Stage.INFER, name, function.numeric_class, function.revision)
         offer = FunctionOffer(**dict(plain), digest=function.card.digest, card=function.card)
         if specimens is not None and name in _KNOWN:
             add_prediction(specimens, offer, function)
-        return [offer]
-    finally:
-        function.close()
+    return [offer]
 
 
 def probe_inference(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
@@ -90,14 +85,12 @@ def probe_inference(name: str, specimens: Specimens | None = None) -> list[AnyOf
     engine, _, precision = name.partition("/")
     with TemporaryDirectory(prefix="valerie-probe-") as folder:
         document, path = _sample(engine, precision, Path(folder))
-        function = open_function_document(document, path, settings, threads=settings.inference_threads)
-        try:
+        opened = open_function_document(document, path, settings, threads=settings.inference_threads)
+        with closing(opened) as function:
             offer = _offer(Stage.INFER, name, function.numeric_class, function.revision)
             if specimens is not None:
                 add_prediction(specimens, offer, function)
-            return [offer]
-        finally:
-            function.close()
+    return [offer]
 
 
 def inference_names() -> tuple[str, ...]:

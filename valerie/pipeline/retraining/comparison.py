@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -152,11 +153,8 @@ def _version(reference: str, run: StoredRun, open_function: Callable[[str], Perc
     if reference in run.resolved.spec.functions:
         card, numeric_class = pinned_card(run.pins, reference), numeric_classes(run.pins)[inference_part(reference)]
         return _Version(reference, True, numeric_class, frozenset(card.judged_ids))
-    function = open_function(reference)
-    try:
+    with closing(open_function(reference)) as function:
         return _Version(reference, False, function.numeric_class, frozenset(function.card.judged_ids))
-    finally:
-        function.close()
 
 
 def _require_one_class(versions: Mapping[str, _Version]) -> None:
@@ -233,9 +231,8 @@ def _evaluate(
     reader = ProductReader(context.store)
     rows: list[TableRow] = []
     matrices: dict[FrameKey, ConfusionMatrix] = {}
-    function = open_function(reference)
     started = time.monotonic()
-    try:
+    with closing(open_function(reference)) as function:
         shots = ((frame, capture_of(run.resolved, frame.stored, 0)) for frame in frames)
         pictures = ((shot, shot[1].picture(reader)) for shot in shots)
         for done, ((frame, capture), labels) in enumerate(predicted(function, pictures), start=1):
@@ -254,8 +251,6 @@ def _evaluate(
                 }
                 rows.append({column: row.get(column) for column in _columns(varied)})
             progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
-    finally:
-        function.close()
     return _Evaluated(EvaluationTable.from_rows(rows, varied, designs_of(run)), matrices)
 
 

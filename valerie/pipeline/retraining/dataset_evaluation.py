@@ -11,6 +11,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -232,12 +233,11 @@ def evaluate_dataset(
     evaluated: list[FunctionResult] = []
     content = hashlib.sha256()
     for number, (name, reference) in enumerate(zip(names, references, strict=True)):
-        function = open_function(reference)
-        began = time.monotonic()
         matrices: list[ConfusionMatrix] = []
         persons: list[InstanceCounts] = []
         rows: list[TableRow] = []
-        try:
+        with closing(open_function(reference)) as function:
+            began = time.monotonic()
             frames = ((frame, frame.picture) for frame in folder)
             for index, (frame, labels) in enumerate(predicted(function, frames)):
                 if number == 0:
@@ -264,8 +264,6 @@ def evaluate_dataset(
                     seconds=time.monotonic() - began,
                 )
             )
-        finally:
-            function.close()
     return DatasetResult(folder.root, folder.split, content.hexdigest(), folder.has_instances, tuple(evaluated))
 
 

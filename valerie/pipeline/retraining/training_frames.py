@@ -11,7 +11,7 @@ import math
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import count, islice
 from pathlib import Path
@@ -193,11 +193,9 @@ def frames_of(
         RenderingError: no usable image after several draws.
         InvalidInput: too few drawn scenes are in the region.
     """
-    renderer = create_renderer(_ENGINE)
-    truth_pass = create_truth_pass(renderer.numeric_class)
     crowd = crowd_asset(asset)
     draws = draws if draws is not None else SceneCount()
-    try:
+    with _engines() as (renderer, truth_pass):
         for number in range(settings.per_site):
             target = (
                 TargetRegion(settings.region) if settings.region is not None and settings.is_targeted(number) else None
@@ -215,9 +213,16 @@ def frames_of(
             image = renderer.layer(scene.scene, view).over(background)
             picture = develop(image.pixels, scene.sensor, Shot(run_seed=seed, content=(str(number),)))
             yield TrainingFrame(picture, to_train_ids(truth.class_map), seed)
-    finally:
-        truth_pass.close()
-        renderer.close()
+
+
+@contextmanager
+def _engines() -> Iterator[tuple[Renderer, TruthMaker]]:
+    """Open the engine and the truth pass of training frames."""
+    with (
+        closing(create_renderer(_ENGINE)) as renderer,
+        closing(create_truth_pass(renderer.numeric_class)) as truth_pass,
+    ):
+        yield renderer, truth_pass
 
 
 def _drawn(crowd: SceneAsset, seed: int, number: int, as_made: float, draws: SceneCount) -> Iterator[TrainingScene]:
@@ -269,9 +274,7 @@ def _first_usable(
 
 def _makers() -> dict[str, str]:
     """Return the entries of the provenance on engine and truth pass, which are opened in this process."""
-    renderer = create_renderer(_ENGINE)
-    truth_pass = create_truth_pass(renderer.numeric_class)
-    try:
+    with _engines() as (renderer, truth_pass):
         return {
             "frame-revisions": (
                 f"scenes {training_scenes.REVISION}, sensor {sensor.REVISION}, "
@@ -279,9 +282,6 @@ def _makers() -> dict[str, str]:
             ),
             "renderer": f"{_ENGINE}, {renderer.numeric_class}",
         }
-    finally:
-        truth_pass.close()
-        renderer.close()
 
 
 def _provenance(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 from valerie import plugins
@@ -68,9 +69,8 @@ def _rows(
 def price_of_layers(resolved: ResolvedRun, asset: SceneAsset, variants: Sequence[MeasuredVariant]) -> float:
     """Return the CPU seconds of a layer by the spec's engine: the mean of these variants, over a warm background."""
     spec = resolved.spec
-    engine = plugins.create_renderer(spec.engine, spec.engine_settings)
     view = View(resolved.cameras[0], spec.resolution.width, spec.resolution.height)
-    try:
+    with closing(plugins.create_renderer(spec.engine, spec.engine_settings)) as engine:
         scenes = [apply(resolved.at(variant.assignment.values, 0), asset) for variant in variants]
         engine.background(scenes[0], view)
         engine.layer(scenes[0], view)
@@ -78,8 +78,6 @@ def price_of_layers(resolved: ResolvedRun, asset: SceneAsset, variants: Sequence
         for scene in scenes:
             engine.layer(scene, view)
         return (time.process_time() + cpu_seconds_elsewhere(engine) - started) / len(scenes)
-    finally:
-        engine.close()
 
 
 def chosen_spec(resolved: ResolvedRun, variants: Sequence[MeasuredVariant]) -> RunSpec:

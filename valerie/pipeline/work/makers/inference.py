@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Final, NamedTuple
 
 import psutil
@@ -104,10 +105,8 @@ class InferMaker:
         """Predict all pictures, or only the first if they fail together, so that no picture harms another."""
         predictions = None
         if len(pictures) > 1:
-            try:
+            with suppress(Exception):  # a plug-in may raise anything, and each picture must fail alone
                 predictions = function.predict_many(pictures)
-            except Exception:  # a plug-in may raise anything, and each picture must fail alone
-                predictions = None
         if predictions is None:
             predictions = [function.predict(pictures[0])]
         for prediction in predictions:
