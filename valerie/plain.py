@@ -1,9 +1,9 @@
-"""Plain data: the types of JSON values and of JSON Schema, and the conversion of plain data to a type."""
+"""Plain data: the types of JSON values and of JSON Schema, and the conversion of results to plain data and back."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias, TypedDict, TypeVar
+from typing import Any, TypeAlias, TypedDict, TypeVar
 
 from typing_extensions import TypeAliasType
 
@@ -45,6 +45,15 @@ JsonSchema = TypedDict(
     },
     total=False,
 )
+
+
+def json_values(value: object) -> Any:
+    """Return dataclasses, arrays and plain data as JSON values; numbers that are not finite become None."""
+    import orjson
+
+    # orjson asks for the elements of an array that is not contiguous.
+    data = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY, default=lambda array: array.tolist())
+    return orjson.loads(data)
 
 
 def typed(form: type[T], document: object) -> T:

@@ -20,7 +20,7 @@ from typing import Any
 from rich.console import Console
 
 from valerie.analysis.comparison.drawing import comparison_renderable, draw_comparison
-from valerie.cli.datasets import ProgressLines
+from valerie.cli.progress_lines import ProgressLines
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions.references import open_reference
 from valerie.pipeline.retraining.comparison import Grouping, compare_on_run
@@ -109,7 +109,7 @@ def close_the_loop(
         versions,
         open_function=lambda name: open_reference(name, context=context),
         grouping=Grouping(where, weakness.region),
-        progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
+        progress=lines.tell,
     )
     Console(highlight=False, width=None if sys.stdout.isatty() else 150).print(comparison_renderable(comparison))
     document = {

@@ -67,7 +67,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
 
     Args:
         settings: None: read from the environment.
-        control: whether to run the control loop too; False if it runs separately (`python -m services.api --control-only`).
+        control: True runs the control loop too; False if it runs separately (`python -m services.api --control-only`).
 
     Raises:
         InvalidInput: the server would listen on the network without a token.

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from valerie.db import functions
 from valerie.db.engine import reading
 from valerie.db.migrate import migrate
 from valerie.errors import NotFound, UnknownName
@@ -41,7 +42,7 @@ def test_versions_are_numbered_once_each_when_several_register_at_the_same_time(
     with ThreadPoolExecutor(4) as pool:
         new = list(pool.map(register, documents))
     with reading(context.engine) as connection:
-        versions = registry.listed(connection)
+        versions = functions.every(connection)
     assert [version.version for version in versions] == [4, 3, 2, 1]
     assert sum(new) == 4
     assert {version.digest for version in versions} == {one.digest for one in documents}

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import sys
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from valerie.cli.frames import Annotations, annotation_names
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, print_json, say
+from valerie.cli.progress_lines import ProgressLines
+from valerie.cli.shell import AsJson, DataDir, print_json
 from valerie.errors import InvalidInput, UnknownName
 from valerie.local.deployment import context_of
 
 if TYPE_CHECKING:
-    from valerie.pipeline.export.datasets import ExportProgress
     from valerie.pipeline.export.export_plan import ExportSettings
 
 app = typer.Typer(no_args_is_help=True, help="Export runs as data sets.")
-
-#: Shortest time between two lines of progress.
-LINE_SECONDS: Final = 5.0
 
 Where = Annotated[
     str,
@@ -100,13 +94,8 @@ def export(
     from valerie.pipeline.export.datasets import export_run
 
     settings = options.settings()
-    lines = ProgressLines("frames")
-
-    def tell(now: ExportProgress) -> None:
-        lines.tell(now.done, now.total, now.frames_per_s, f"{now.resumed:,} already there" if now.resumed else "")
-
     with context_of(data_dir) as context:
-        dataset = export_run(context, run, out, settings, progress=tell)
+        dataset = export_run(context, run, out, settings, progress=ProgressLines("frames").tell)
     if as_json:
         print_json(
             {
@@ -141,42 +130,3 @@ def parse_splits(text: str) -> dict[str, float]:
         except ValueError:
             raise InvalidInput("not a share", field="--split", value=part, limit="train=0.8,val=0.2") from None
     return shares
-
-
-class ProgressLines:
-    """Prints progress as one line every few seconds: how many, how fast, how long."""
-
-    def __init__(self, what: str) -> None:
-        self._what, self._shown_at = what, time.monotonic()
-
-    def tell(self, done: int, total: int, per_s: float, note: str = "") -> None:
-        """Print a line if the last one is a few seconds old, or everything is done."""
-        if time.monotonic() - self._shown_at < LINE_SECONDS and done < total:
-            return
-        self._shown_at = time.monotonic()
-        from valerie.runs.moments import duration
-
-        text = f"{done:,} of {total:,} {self._what}" + (f" ({note})" if note else "")
-        if per_s:
-            text += f", {per_s:.1f}/s" if per_s >= 1 else f", {1 / per_s:.1f} s each"
-            if done < total:
-                text += f", {duration((total - done) / per_s)} left"
-        say(text)
-
-
-def on_terminal() -> bool:
-    """Return True if people see standard error."""
-    return sys.stderr.isatty()
-
-
-def counting(what: str) -> Callable[[int, int], None] | None:
-    """Return a function that is told how many are done, of how many, and shows it; None if nobody sees it."""
-    if not on_terminal():
-        return None
-    lines, began = ProgressLines(what), time.monotonic()
-
-    def tell(done: int, total: int) -> None:
-        if done < total:  # the result follows at once
-            lines.tell(done, total, done / max(time.monotonic() - began, 1e-9))
-
-    return tell

@@ -79,7 +79,7 @@ def evaluate(
     function is the version that the run evaluated, with the same numeric class. With --twin, shows on how many persons
     both data sets agree, such as recorded frames and their rendered twins.
     """
-    from valerie.cli.datasets import ProgressLines
+    from valerie.cli.progress_lines import ProgressLines
     from valerie.datasets.twins import person_twins
     from valerie.local.deployment import deployment_or_empty
     from valerie.pipeline.functions.references import open_pinned, open_reference
@@ -105,7 +105,7 @@ def evaluate(
                 frames,
                 functions,
                 open_function=open_function,
-                progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
+                progress=lines.tell,
             )
 
         result = evaluated(folder)

@@ -71,7 +71,7 @@ def verify(
     if the key did not sign the folder, or if a replayed frame differs; with 5 if
     a frame cannot be replayed on this machine.
     """
-    from valerie.cli.datasets import counting
+    from valerie.cli.progress_lines import counting
     from valerie.pipeline.evidence.evidence_manifest import Refused
     from valerie.pipeline.evidence.verifying import UNSIGNED
     from valerie.pipeline.evidence.verifying import verify as verify_folder

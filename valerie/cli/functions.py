@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 #: Most predicted classes that are listed for a true one.
 _MOST_CLASSES: Final = 4
-#: Characters of a digest that identify a version, as in `valerie.pipeline.functions.registry`.
+#: Characters of a digest that identify a version, as in `valerie.db.functions`.
 _SHORT: Final = 12
 
 app = typer.Typer(no_args_is_help=True, help="Register, list, show and remove functions under test.")
@@ -140,7 +140,7 @@ def quantize(
     The card states the change of pACC. Nothing is rendered.
     """
     from valerie.analysis.comparison.drawing import comparison_renderable
-    from valerie.cli.datasets import ProgressLines
+    from valerie.cli.progress_lines import ProgressLines
     from valerie.local.deployment import context_of
     from valerie.pipeline.retraining.quantization import quantize_function
 
@@ -153,14 +153,14 @@ def quantize(
             name or f"{function.partition('@')[0]}-int8",
             frames=frames,
             threads=threads,
-            progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
+            progress=lines.tell,
         )
     if as_json:
         print_json(model.comparison.as_document())
     else:
         console().print(comparison_renderable(model.comparison))
     say(f"{'registered' if model.new else 'registered already'} as {model.registered.reference}; in a spec:")
-    say(f"functions: [{model.registered.document.name}]")
+    say(f"functions: [{model.registered.name}]")
 
 
 @app.command("list")

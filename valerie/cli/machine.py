@@ -257,7 +257,7 @@ def copy(
 
     Every command works on the copy: `valerie up --data-dir FOLDER` shows it. Your own assets are not part of it.
     """
-    from valerie.cli.datasets import ProgressLines
+    from valerie.cli.progress_lines import ProgressLines
     from valerie.pipeline.control.copy_run import copy_run
 
     if (to is None) == (source is None):

@@ -92,11 +92,7 @@ class _Local:
         from valerie.pipeline.functions.registry import register
 
         name = "" if payload is None else payload.name
-        imported = import_function(
-            ImportRequest(path=payload, filename=name, **texts),
-            folder,
-            self._context.settings,
-        )
+        imported = import_function(ImportRequest(payload, name, **texts), folder, self._context.settings)
         with recorded(self._context, f"function import {imported.document.name}"):
             registered, new = register(self._context, imported.document, imported.payload)
         function = _as_server_shows(registered_function(self._context, registered, imported.trial))
@@ -130,21 +126,12 @@ def open_registry(settings: Settings, url: str | None = None, *, create: bool = 
         with client_of(settings, url) as client:
             yield Remote(client)
         return
-    from valerie.db.migrate import migrate
-    from valerie.local.deployment import deployment_or_empty
-    from valerie.pipeline.base.context import open_context
+    from valerie.local.deployment import create_or_migrate, deployment_or_empty
 
-    if not create:
-        with deployment_or_empty(settings) as context:
-            yield _Local(context)
-        return
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
-    context = open_context(settings)
-    try:
-        migrate(context.engine)
+    if create:
+        create_or_migrate(settings)
+    with deployment_or_empty(settings) as context:
         yield _Local(context)
-    finally:
-        context.engine.dispose()
 
 
 def register_file(

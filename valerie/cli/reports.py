@@ -178,7 +178,7 @@ def compare(
     """
     from valerie.cli.claims import read_claims
     from valerie.cli.comparing import contents, renderables
-    from valerie.cli.datasets import counting
+    from valerie.cli.progress_lines import counting
     from valerie.local.deployment import context_of
     from valerie.pipeline.reading.reports import compare_runs, report_with
 

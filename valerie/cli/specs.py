@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -97,11 +98,8 @@ def _choose(text: bytes, settings: Settings, *, where: str | None, output: Path 
         if condition.scored:
             raise InvalidInput("nothing is scored yet", field="--where", value=where, limit="measures of the truth")
     asset = load_asset(resolved.spec.asset, asset_dir=settings.asset_dir)
-    truth_pass = plugins.create_truth_pass(resolved.spec.engine)
-    try:
+    with closing(plugins.create_truth_pass(resolved.spec.engine)) as truth_pass:
         variants = list(measure_truths(resolved, asset, truth_pass))
-    finally:
-        truth_pass.close()
     selection = [v for v in variants if condition is None or any(map(condition.holds, v.rows))]
     for variant in selection if as_json else ():
         print_json({"variant": variant.assignment.index, "rows": variant.rows})

@@ -70,21 +70,14 @@ def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: Da
         with client_of(settings, url) as client:
             batch = client.plan_study(text)
     else:
+        from pydantic import TypeAdapter
+
         from valerie.local.deployment import deployment_or_empty
         from valerie.pipeline.control.studies.commands import plan_study
 
         with deployment_or_empty(settings) as context:
             first = plan_study(context, document)
-        batch = NextBatch(
-            number=0,
-            reason=first.reason,
-            legal=first.legal,
-            rejected=first.rejected,
-            accepted=False,
-            run_id=None,
-            spec=first.spec.to_yaml(),
-            plan=first.plan.model_dump(mode="json"),
-        )
+        batch = NextBatch.model_validate(TypeAdapter(type(first)).dump_python(first, mode="json"))
     _show_next(batch, as_json=as_json)
     if as_json or not batch.legal:
         return

@@ -247,7 +247,7 @@ def _compare(
     threads: int | None = None,
     mixed: bool = False,
 ) -> VersionComparison:
-    from valerie.cli.datasets import ProgressLines
+    from valerie.cli.progress_lines import ProgressLines
     from valerie.pipeline.functions.references import open_reference
     from valerie.pipeline.retraining.comparison import Grouping, compare_on_run
     from valerie.pipeline.retraining.weakness import selected_region
@@ -261,7 +261,7 @@ def _compare(
             open_function=lambda name: open_reference(name, context=deployment, threads=threads),
             grouping=Grouping(where, selected_region(deployment, run, where, versions[0]) if where else None),
             mixed=mixed,
-            progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
+            progress=lines.tell,
         )
 
 
@@ -297,7 +297,7 @@ class Steps:
     """Progress of the training, one line every few seconds."""
 
     def __init__(self) -> None:
-        from valerie.cli.datasets import ProgressLines
+        from valerie.cli.progress_lines import ProgressLines
 
         self._lines = ProgressLines("steps")
 

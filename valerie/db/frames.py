@@ -26,18 +26,16 @@ from valerie.db.links import (
     with_products,
 )
 from valerie.db.long_table import COLUMNS
-from valerie.db.measured import SEEN, SeenPerson
+from valerie.db.measured import LIT, SEEN, SeenPerson
 from valerie.db.models import Frame, FrameAnnotation, PersonLight, PersonView, Product, Variant
-from valerie.errors import NotFound
-from valerie.measures import Source, names_from
+from valerie.db.rows import required
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.states import ProductState
 
-_LIT: Final = names_from(Source.LIGHT)
-
-
-#: Statements about one frame are built once: building one takes longer than running it.
-_GET: Final = select(*FRAME_COLUMNS).select_from(Frame).join(Variant, VARIANT_OF_FRAME).where(names_frame(Frame))
+#: The query of all columns of frames.
+_FRAMES: Final = select(*FRAME_COLUMNS).select_from(Frame).join(Variant, VARIANT_OF_FRAME)
+#: Built once: building it takes longer than running it.
+_GET: Final = _FRAMES.where(names_frame(Frame))
 
 
 def get(connection: Connection, key: FrameKey) -> StoredFrame:
@@ -46,16 +44,12 @@ def get(connection: Connection, key: FrameKey) -> StoredFrame:
     Raises:
         NotFound: no such frame.
     """
-    row = connection.execute(_GET, frame_values(key)).first()
-    if row is None:
-        raise NotFound("frame", key)
-    return StoredFrame.of(row)
+    return StoredFrame.of(required(connection.execute(_GET, frame_values(key)).first(), "frame", key))
 
 
 def several(connection: Connection, keys: Collection[FrameKey]) -> dict[FrameKey, StoredFrame]:
     """Read frames of one run; unknown ones are left out."""
-    query = select(*FRAME_COLUMNS).select_from(Frame).join(Variant, VARIANT_OF_FRAME).where(among_frames(Frame, keys))
-    found = map(StoredFrame.of, connection.execute(query))
+    found = map(StoredFrame.of, connection.execute(_FRAMES.where(among_frames(Frame, keys))))
     return {frame.key: frame for frame in found}
 
 
@@ -68,23 +62,15 @@ class ListedFrame(NamedTuple):
 
 def page(connection: Connection, run_id: str, *, after: FrameKey | None = None, limit: int) -> list[ListedFrame]:
     """Read the frames of a run after ``after``, in order."""
-    states = (
-        BACKGROUND.state.label("background_state"),
-        LAYER.state.label("layer_state"),
-        TRUTH.state.label("truth_state"),
-    )
     query = (
-        with_products(select(*FRAME_COLUMNS, *states).select_from(Frame).join(Variant, VARIANT_OF_FRAME))
+        with_products(_FRAMES.add_columns(*(product.state for product in (BACKGROUND, LAYER, TRUTH))))
         .where(Frame.run_id == run_id)
         .order_by(*frame_order(Frame))
         .limit(limit)
     )
     if after is not None:
         query = query.where(tuple_(*frame_order(Frame)) > _place(after))
-    return [
-        ListedFrame(StoredFrame.of(row), (row.background_state, row.layer_state, row.truth_state))
-        for row in connection.execute(query)
-    ]
+    return [ListedFrame(StoredFrame.of(row), row[len(FRAME_COLUMNS) :]) for row in connection.execute(query)]
 
 
 def _place(key: FrameKey) -> Any:
@@ -98,9 +84,9 @@ def finished(connection: Connection, run_id: str) -> Iterator[tuple[StoredFrame,
     A frame without persons yields one with instance 0.
     """
     of_person = (PersonView.instance_id, PersonView.box, PersonView.amodal_box)
-    measures = (COLUMNS[name] for name in (*SEEN, *_LIT))
+    measures = (COLUMNS[name] for name in (*SEEN, *LIT))
     query = (
-        with_products(select(*FRAME_COLUMNS, *of_person, *measures).select_from(Frame).join(Variant, VARIANT_OF_FRAME))
+        with_products(_FRAMES.add_columns(*of_person, *measures))
         .join(PersonView, PersonView.truth == Frame.truth)
         .outerjoin(FrameAnnotation, LIGHT_OF_FRAME)
         .outerjoin(PersonLight, LIGHT_OF_PERSON)
@@ -114,7 +100,7 @@ def finished(connection: Connection, run_id: str) -> Iterator[tuple[StoredFrame,
         yield (
             StoredFrame.of(members[0]),
             tuple(
-                SeenPerson(number, dict(zip((*SEEN, *_LIT), values, strict=True)), box, amodal)
+                SeenPerson(number, dict(zip((*SEEN, *LIT), values, strict=True)), box, amodal)
                 for number, box, amodal, *values in persons
             ),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Final
 
 from sqlalchemy import Connection, delete, func, select
 
@@ -17,6 +18,9 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.runs.products.pins import AnyPins
 from valerie.runs.resolving.spec import RunSpec
 
+#: Number of displayed characters of a digest, which identify a version.
+SHORT: Final = 12
+
 
 @dataclass(frozen=True, slots=True)
 class FunctionRow:
@@ -27,6 +31,11 @@ class FunctionRow:
     version: int
     document: FunctionDocument
     created_at: datetime
+
+    @property
+    def reference(self) -> str:
+        """``name@digest``, the reference of exactly this version in specs."""
+        return f"{self.name}@{self.digest[:SHORT]}"
 
 
 @dataclass(frozen=True, slots=True)

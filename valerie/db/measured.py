@@ -13,7 +13,7 @@ from valerie.db.models import PersonLight, PersonScore, PersonView
 from valerie.measures import Cell, Measures, Source, names_from
 
 SEEN: Final = names_from(Source.PLACE, Source.PIXELS)
-_LIT: Final = names_from(Source.LIGHT)
+LIT: Final = names_from(Source.LIGHT)
 _SCORED: Final = names_from(Source.PERSON_SCORE)
 
 
@@ -111,12 +111,12 @@ def amodal_boxes(connection: Connection, truths: Collection[str]) -> dict[tuple[
 def person_lights(connection: Connection, product: str) -> list[MeasuredPerson]:
     """Read the light on the persons in one product of kind ``light``."""
     query = (
-        select(PersonLight.instance_id, *(COLUMNS[name] for name in _LIT))
+        select(PersonLight.instance_id, *(COLUMNS[name] for name in LIT))
         .where(PersonLight.product == product)
         .order_by(PersonLight.instance_id)
     )
     return [
-        MeasuredPerson(number, dict(zip(_LIT, values, strict=True))) for number, *values in connection.execute(query)
+        MeasuredPerson(number, dict(zip(LIT, values, strict=True))) for number, *values in connection.execute(query)
     ]
 
 

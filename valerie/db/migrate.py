@@ -31,7 +31,7 @@ class _State(NamedTuple):
 
     Attributes:
         revision: Alembic's revision; None without tables.
-        complete: whether they have the columns of all measures.
+        complete: True if they have the columns of all measures.
     """
 
     revision: str | None

@@ -298,7 +298,7 @@ class Evaluation(Base):
     scores: Mapped[str] = mapped_column(Digest)
     #: The prediction for the background without movables, for `pacc_empty`; None if the run does not make it.
     empty: Mapped[str | None] = mapped_column(Digest)
-    #: Whether the sensor distorts: rows of `PersonView` for its pictures then name ``scores``, not the frame's truth.
+    #: True if the sensor distorts: rows of `PersonView` for its pictures then name ``scores``, not the frame's truth.
     distorted: Mapped[bool] = mapped_column(default=False)
 
     __table_args__ = (
@@ -399,7 +399,7 @@ class Study(Base):
     reason: Mapped[str | None] = mapped_column(Text)
     document: Mapped[StudyDocument] = mapped_column(JsonDocument(StudyDocument))
     asset_digest: Mapped[str] = mapped_column(Digest)
-    #: Whether a person accepts each batch.
+    #: True if a person accepts each batch.
     by_hand: Mapped[bool]
     #: Result of the batches that have ended; None before the first.
     result: Mapped[StudyResult | None] = mapped_column(JsonDocument(StudyResult))

@@ -11,8 +11,8 @@ from sqlalchemy import Connection, bindparam, select, update
 
 from valerie.db.claiming import held
 from valerie.db.measured import FrameScore, MeasuredPerson, SeenPerson
-from valerie.db.models import PersonLight, PersonScore, PersonView, Picture, Product, Score
-from valerie.db.statements import UNLEASED, insert_ignoring, lock
+from valerie.db.models import Base, PersonLight, PersonScore, PersonView, Picture, Product, Score
+from valerie.db.statements import UNLEASED, Values, insert_ignoring, lock
 from valerie.measures import Measures
 from valerie.runs.products.states import ProductKind, ProductState
 
@@ -91,16 +91,15 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
         [{"product": p.digest, "size": p.bytes, "area": p.pixels, "cpu": p.cpu_seconds, "now": now} for p in published],
     )
     _publish_parts(connection, published, now)
-    views = [{"truth": p.digest, **person.columns} for p in published for person in p.person_views]
-    insert_ignoring(connection, PersonView, views)
-    lights = [{"product": p.digest, **person.columns} for p in published for person in p.person_lights]
-    insert_ignoring(connection, PersonLight, lights)
-    pictures = [{"prediction": p.digest, **p.picture} for p in published if p.picture is not None]
-    insert_ignoring(connection, Picture, pictures)
-    scores = [{"digest": p.digest, **p.score.columns} for p in published if p.score is not None]
-    insert_ignoring(connection, Score, scores)
-    persons = [{"digest": p.digest, **person.columns} for p in published for person in p.person_scores]
-    insert_ignoring(connection, PersonScore, persons)
+    contents: dict[type[Base], list[Values]] = {
+        PersonView: [{"truth": p.digest, **person.columns} for p in published for person in p.person_views],
+        PersonLight: [{"product": p.digest, **person.columns} for p in published for person in p.person_lights],
+        Picture: [{"prediction": p.digest, **p.picture} for p in published if p.picture is not None],
+        Score: [{"digest": p.digest, **p.score.columns} for p in published if p.score is not None],
+        PersonScore: [{"digest": p.digest, **person.columns} for p in published for person in p.person_scores],
+    }
+    for table, rows in contents.items():
+        insert_ignoring(connection, table, rows)
     return [product.digest for product in published]
 
 

@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 
 from sqlalchemy import Connection, Executable
 
+from valerie.errors import NotFound
+
 R = TypeVar("R")
 
 
@@ -35,3 +37,14 @@ def read_first(connection: Connection, statement: Executable, form: type[R], **b
     """Return the first row of a query over `columns_of` a form, if any."""
     row = connection.execute(statement, bound).first()
     return None if row is None else form(*row)
+
+
+def required(row: R | None, kind: str, name: object) -> R:
+    """Return the row of something that must exist.
+
+    Raises:
+        NotFound: it does not; with its kind and name.
+    """
+    if row is None:
+        raise NotFound(kind, name)
+    return row

@@ -7,33 +7,15 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
-from sqlalchemy import (
-    Connection,
-    String,
-    bindparam,
-    delete,
-    func,
-    insert,
-    select,
-    update,
-)
+from sqlalchemy import Connection, Select, String, bindparam, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db import marks
 from valerie.db.links import links_of
-from valerie.db.models import (
-    Evaluation,
-    FedBlock,
-    Frame,
-    FrameAnnotation,
-    Product,
-    Run,
-    StudyBatch,
-    Variant,
-)
-from valerie.db.rows import columns_of, read_all, read_first
+from valerie.db.models import Evaluation, FedBlock, Frame, FrameAnnotation, Product, Run, StudyBatch, Variant
+from valerie.db.rows import columns_of, read_all, read_first, required
 from valerie.db.statements import Seen, newest_first, within
-from valerie.errors import Conflict, NotFound
+from valerie.errors import Conflict
 from valerie.runs.forecasting.costs import Cost
 from valerie.runs.products.archive import Archive
 from valerie.runs.products.pins import AnyPins
@@ -195,23 +177,12 @@ def get(connection: Connection, run_id: str) -> RunRow:
     Raises:
         NotFound: no such run.
     """
-    row = read_first(connection, _RUN_OF_ID, RunRow, run_id=run_id)
-    if row is None:
-        raise NotFound("run", run_id)
-    return row
+    return required(find(connection, run_id), "run", run_id)
 
 
-def archive_of(connection: Connection, run_id: str) -> Archive | None:
-    """Return where the rows of a run are; None: in the database.
-
-    Raises:
-        NotFound: no such run.
-    """
-    row = connection.execute(select(Run.archive).where(Run.id == run_id)).first()
-    if row is None:
-        raise NotFound("run", run_id)
-    archive: Archive | None = row[0]
-    return archive
+def find(connection: Connection, run_id: str) -> RunRow | None:
+    """Return a run, or None if there is no such run."""
+    return read_first(connection, _RUN_OF_ID, RunRow, run_id=run_id)
 
 
 def to_change(connection: Connection, run_id: str) -> RunRow:
@@ -221,9 +192,7 @@ def to_change(connection: Connection, run_id: str) -> RunRow:
         NotFound: no such run.
         Conflict: it is archived.
     """
-    run = read_first(connection, _TO_CHANGE, RunRow, run_id=run_id)
-    if run is None:
-        raise NotFound("run", run_id)
+    run = required(read_first(connection, _TO_CHANGE, RunRow, run_id=run_id), "run", run_id)
     if run.archive is not None:
         raise Conflict(f"run {run_id} is archived; `valerie archive --undo {run_id}` makes it changeable")
     return run
@@ -235,8 +204,7 @@ def require(connection: Connection, run_id: str, *, project: str = "") -> None:
     Raises:
         NotFound: no such run.
     """
-    if connection.scalar(select(Run.id).where(Run.id == run_id, within(Run, project))) is None:
-        raise NotFound("run", run_id)
+    required(connection.scalar(select(Run.id).where(Run.id == run_id, within(Run, project))), "run", run_id)
 
 
 def fed(connection: Connection, run_id: str) -> Fed:
@@ -247,10 +215,7 @@ def fed(connection: Connection, run_id: str) -> Fed:
     Raises:
         NotFound: no such run.
     """
-    row = connection.execute(_FED, {"run_id": run_id}).first()
-    if row is None:
-        raise NotFound("run", run_id)
-    return Fed(*row)
+    return Fed(*required(connection.execute(_FED, {"run_id": run_id}).first(), "run", run_id))
 
 
 def page(
@@ -383,24 +348,15 @@ def cpu_seconds(connection: Connection, run_id: str) -> dict[ProductKind, float]
 
 def awaited(connection: Connection, run_id: str, function_index: int) -> list[str]:
     """Return the digests of a function's predictions that can be uploaded, since their frames are rendered."""
-    return list(
-        connection.scalars(
-            select(Product.digest)
-            .join(Evaluation, Evaluation.prediction == Product.digest)
-            .where(Evaluation.run_id == run_id, Evaluation.function_index == function_index, *_AWAITED)
-            .distinct()
-        )
-    )
+    return list(connection.scalars(_awaited(run_id).where(Evaluation.function_index == function_index)))
 
 
 def awaited_count(connection: Connection, run_id: str) -> int:
     """Return the number of predictions of a run that can be uploaded now."""
-    statement = (
-        select(func.count(Product.digest.distinct()))
-        .join(Evaluation, Evaluation.prediction == Product.digest)
-        .where(Evaluation.run_id == run_id, *_AWAITED)
-    )
-    return connection.scalar(statement) or 0
+    return connection.scalar(select(func.count()).select_from(_awaited(run_id).subquery())) or 0
 
 
-_AWAITED: Final = (Product.state == ProductState.READY, Product.route == UPLOADED_ROUTE)
+def _awaited(run_id: str) -> Select[tuple[str]]:
+    uploadable = Product.state == ProductState.READY, Product.route == UPLOADED_ROUTE
+    links = select(Product.digest).distinct().join(Evaluation, Evaluation.prediction == Product.digest)
+    return links.where(Evaluation.run_id == run_id, *uploadable)

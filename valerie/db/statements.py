@@ -54,9 +54,9 @@ UNFINISHED: Final = Product.state.in_(
 WAITING: Final = Product.state == _spelled(ProductState.WAITING)
 READY: Final = Product.state == _spelled(ProductState.READY)
 RUNNING: Final = Product.state == _spelled(ProductState.RUNNING)
+ENDED: Final = Product.state.in_([_spelled(state) for state in (ProductState.DONE, ProductState.FAILED)])
 #: The columns of a product that no worker holds.
 UNLEASED: Final = {"lease_owner": None, "lease_until": None}
-ENDED: Final = Product.state.in_([_spelled(state) for state in (ProductState.DONE, ProductState.FAILED)])
 
 
 def among(

@@ -11,9 +11,8 @@ from sqlalchemy import ColumnElement, Connection, Update, func, insert, select, 
 from valerie.db.links import links_of
 from valerie.db.models import Product, StudyBatch
 from valerie.db.models import Study as StudyTable
-from valerie.db.rows import columns_of, read_all, read_first
+from valerie.db.rows import columns_of, read_all, read_first, required
 from valerie.db.statements import Seen, insert_ignoring, newest_first, within
-from valerie.errors import NotFound
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 
@@ -58,10 +57,10 @@ class BatchRow:
     basis: str
     based_on: int
     accepted_at: datetime | None
-    run_id: str | None
-    retries: int
-    outcomes: Outcomes | None
-    cpu_seconds: float | None
+    run_id: str | None = None
+    retries: int = 0
+    outcomes: Outcomes | None = None
+    cpu_seconds: float | None = None
 
     @property
     def ended(self) -> bool:
@@ -89,10 +88,7 @@ def get(connection: Connection, study_id: str) -> StudyRow:
     Raises:
         NotFound: no such study.
     """
-    row = read_first(connection, _STUDY.where(StudyTable.id == study_id), StudyRow)
-    if row is None:
-        raise NotFound("study", study_id)
-    return row
+    return required(read_first(connection, _STUDY.where(StudyTable.id == study_id), StudyRow), "study", study_id)
 
 
 def require(connection: Connection, study_id: str, *, project: str) -> None:
@@ -101,8 +97,8 @@ def require(connection: Connection, study_id: str, *, project: str) -> None:
     Raises:
         NotFound: no such study.
     """
-    if connection.scalar(select(StudyTable.id).where(StudyTable.id == study_id, within(StudyTable, project))) is None:
-        raise NotFound("study", study_id)
+    query = select(StudyTable.id).where(StudyTable.id == study_id, within(StudyTable, project))
+    required(connection.scalar(query), "study", study_id)
 
 
 def page(connection: Connection, *, limit: int, before: Seen | None = None, project: str = "") -> list[StudyRow]:

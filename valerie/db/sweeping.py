@@ -6,6 +6,7 @@ from collections.abc import Collection
 from typing import Final, NamedTuple
 
 from sqlalchemy import Connection, bindparam, delete, exists, or_, select, text, update
+from sqlalchemy.orm import aliased
 
 from valerie.db.links import PRODUCT_LINKS
 from valerie.db.models import Product, Run
@@ -149,25 +150,16 @@ def unlinked(connection: Connection, *, limit: int, digests: Collection[str] | N
         digests: of the products to look at; None: all.
     """
     keep_from_being_linked(connection)
-    values: dict[str, object] = {"limit": limit}
-    named = ""
-    if digests is not None:
-        named, values["digests"] = " AND p.digest IN :digests", list(digests)
-    rows = connection.execute(
-        text(
-            f"SELECT digest, kind FROM products AS p WHERE p.state <> 'running'{named}"  # noqa: S608  our own text
-            " AND NOT EXISTS (SELECT 1 FROM frames WHERE background = p.digest)"
-            " AND NOT EXISTS (SELECT 1 FROM frames WHERE layer = p.digest)"
-            " AND NOT EXISTS (SELECT 1 FROM frames WHERE truth = p.digest)"
-            " AND NOT EXISTS (SELECT 1 FROM frame_annotations WHERE product = p.digest)"
-            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE prediction = p.digest)"
-            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest)"
-            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE empty = p.digest)"
-            " AND (p.kind <> 'statics' OR NOT EXISTS (SELECT 1 FROM products AS o WHERE o.input_a = p.digest)) LIMIT :limit"
-        ).bindparams(*([bindparam("digests", expanding=True)] if named else [])),
-        values,
+    above = aliased(Product)
+    links = [exists().where(column == Product.digest) for _, column in PRODUCT_LINKS]
+    query = select(Product.digest, Product.kind).where(
+        ~RUNNING,
+        *(~link for link in links),
+        (Product.kind != ProductKind.STATICS) | ~exists().where(above.input_a == Product.digest),
     )
-    return [Unlinked(digest, ProductKind(kind)) for digest, kind in rows]
+    if digests is not None:
+        query = query.where(among(connection.dialect.name, Product.digest, digests))
+    return [Unlinked(*row) for row in connection.execute(query.limit(limit))]
 
 
 def free(connection: Connection, digests: Collection[str]) -> None:

@@ -11,7 +11,8 @@ from sqlalchemy.exc import IntegrityError
 
 from valerie.access import Role
 from valerie.db.models import Token
-from valerie.errors import Conflict, NotFound
+from valerie.db.rows import columns_of, required
+from valerie.errors import Conflict
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +42,9 @@ class TokenRow:
     scopes: tuple[str, ...] = ()
 
 
+_TOKEN = select(*columns_of(TokenRow, Token))
+
+
 def create(connection: Connection, token: TokenRow, digest: str) -> None:
     """Insert a token with the digest of its secret.
 
@@ -56,7 +60,7 @@ def create(connection: Connection, token: TokenRow, digest: str) -> None:
 
 def listed(connection: Connection) -> list[TokenRow]:
     """Return all tokens by name, with those that expired or were revoked."""
-    return [_token(row) for row in connection.execute(select(Token.__table__).order_by(Token.name))]
+    return [_token(row) for row in connection.execute(_TOKEN.order_by(Token.name))]
 
 
 def revoke(connection: Connection, name: str, now: datetime) -> None:
@@ -65,14 +69,13 @@ def revoke(connection: Connection, name: str, now: datetime) -> None:
     Raises:
         NotFound: no such token.
     """
-    if connection.scalar(select(Token.name).where(Token.name == name)) is None:
-        raise NotFound("token", name)
+    required(connection.scalar(select(Token.name).where(Token.name == name)), "token", name)
     connection.execute(update(Token).where(Token.name == name, Token.revoked_at.is_(None)).values(revoked_at=now))
 
 
 def valid(connection: Connection, digest: str, now: datetime) -> TokenRow | None:
     """Return the token whose secret has this digest, unless it expired or was revoked."""
-    row = connection.execute(select(Token.__table__).where(Token.digest == digest)).one_or_none()
+    row = connection.execute(_TOKEN.where(Token.digest == digest)).one_or_none()
     token = None if row is None else _token(row)
     return None if token is None or token.revoked_at is not None or token.expires_at <= now else token
 
@@ -91,14 +94,5 @@ def touch(connection: Connection, name: str, now: datetime) -> None:
 
 
 def _token(row: Row[Any]) -> TokenRow:
-    return TokenRow(
-        name=row.name,
-        owner=row.owner,
-        role=row.role,
-        created_at=row.created_at,
-        expires_at=row.expires_at,
-        revoked_at=row.revoked_at,
-        used_at=row.used_at,
-        project=row.project,
-        scopes=tuple(row.scopes.split()),
-    )
+    *values, scopes = row
+    return TokenRow(*values, scopes=tuple(scopes.split()))

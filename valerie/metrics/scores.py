@@ -80,17 +80,17 @@ def class_counts(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> Cl
     return ClassCounts(tp, fp, fn, int(matrix.sum()) - tp - fp - fn)
 
 
-def pacc(tp: int, fn: int) -> float | None:
+def pacc(tp: float, fn: float) -> float | None:
     """Return the paper's pixel accuracy of a class, its recall tp / (tp + fn); None if it is not in the truth."""
     return _ratio(tp, tp + fn)
 
 
-def precision(tp: int, fp: int) -> float | None:
+def precision(tp: float, fp: float) -> float | None:
     """Return tp / (tp + fp); None if no pixel was predicted as the class."""
     return _ratio(tp, tp + fp)
 
 
-def iou(tp: int, fp: int, fn: int) -> float | None:
+def iou(tp: float, fp: float, fn: float) -> float | None:
     """Return the intersection over union, tp / (tp + fp + fn); None if the class is in neither truth nor prediction."""
     return _ratio(tp, tp + fp + fn)
 
@@ -191,8 +191,8 @@ def _margins(
     return tp, truth, truth + predicted - tp
 
 
-def _ratio(part: int, whole: int) -> float | None:
-    return part / whole if whole else None
+def _ratio(part: float, whole: float) -> float | None:
+    return float(part / whole) if whole else None
 
 
 def _require(matrix: ConfusionMatrix, classes: Sequence[int]) -> None:

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
 from inspect import signature
 from typing import Any, Final, Protocol
 
 import numpy as np
-from pydantic import JsonValue
 
 from valerie import plugins
 from valerie.errors import Conflict, InvalidInput
@@ -30,6 +28,7 @@ from valerie.guided.rank import Rank
 from valerie.guided.strategy import Proposal, Result, Strategy, StrategyFactory
 from valerie.guided.verify import Verification, Verify
 from valerie.parameters.samplers import UnitPoints
+from valerie.plain import json_values
 from valerie.runs.document.run_spec import RunSpec, engine_name
 from valerie.runs.study.study_document import (
     CascadeGoal,
@@ -178,7 +177,7 @@ class Pursuit:
         known = in_quantity(known, self.study)
         return StudyResult(
             sentences=result_sentences(known, self.study),
-            numbers=_numbers(known),
+            numbers=json_values(known),
             batches=self.told,
             further=self._further(known),
         )
@@ -362,20 +361,3 @@ def looks_of(study: ResolvedStudy) -> int:
     if document.stop.width is None:
         return 1
     return 1 + math.ceil((document.budget.variants - first_of(study)) / document.batch)
-
-
-def _numbers(known: Any) -> dict[str, JsonValue]:
-    """Return the fields of a result as JSON."""
-    return {f.name: _json(getattr(known, f.name)) for f in fields(known)}
-
-
-def _json(value: Any) -> Any:
-    if is_dataclass(value):
-        return _numbers(value)
-    if isinstance(value, np.ndarray):
-        return _json(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_json(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value.item() if isinstance(value, np.generic) else value

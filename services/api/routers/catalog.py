@@ -27,6 +27,8 @@ from valerie.pipeline.functions import catalog
 
 router = APIRouter(prefix="/v1", tags=["catalog"])
 
+#: For tokens of one project, in place of a message.
+_OF_ALL = "shown to tokens of no project, since it may be another project's"
 Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", examples=["urban-street"])]
 
 
@@ -43,10 +45,6 @@ def assets(context: ContextDependency) -> list[AssetEntry]:
 def asset(name: Name, context: ContextDependency) -> AssetRead:
     with named_by_address():
         return AssetRead.model_validate(catalog.asset(context.settings, name))
-
-
-#: For tokens of one project, in place of a message.
-_OF_ALL = "shown to tokens of no project, since it may be another project's"
 
 
 @router.get(

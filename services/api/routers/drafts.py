@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from functools import cache
 from typing import Annotated, cast
 
@@ -12,7 +11,7 @@ from pydantic import JsonValue
 from services.api.dependencies import ContextDependency, RunId
 from services.api.openapi import example, problems
 from services.api.routers.runs import SPEC_BODY, Spec
-from services.api.schemas.drafts import DraftChanges, DraftRead, PreviewPicture, PreviewRead
+from services.api.schemas.drafts import DraftChanges, DraftRead, PreviewRead
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.control.preview import Previews
@@ -85,16 +84,4 @@ def preview(
     accepted: Annotated[bool, Query(description="take the nearest accepted variant for a rejected one")] = False,
 ) -> PreviewRead:
     previews: Previews = request.app.state.previews
-    preview = previews.render(spec, variant, camera=camera, accepted=accepted)
-    return PreviewRead(
-        variants=[
-            PreviewPicture(
-                variant=entry.variant,
-                picture=None if entry.picture is None else base64.b64encode(entry.picture).decode(),
-            )
-            for entry in preview.variants
-        ],
-        engine=preview.engine,
-        draft=preview.draft,
-        problem=preview.problem,
-    )
+    return PreviewRead.model_validate(previews.render(spec, variant, camera=camera, accepted=accepted))

@@ -86,7 +86,7 @@ Document = Annotated[StudyDocument, Depends(_document)]
     summary="First batch of a study and its price; stores nothing",
 )
 def plan(document: Document, context: ContextDependency, project: ProjectDependency) -> NextBatchRead:
-    return _next(commands.plan_study(context, document, project=project))
+    return NextBatchRead.model_validate(commands.plan_study(context, document, project=project))
 
 
 @router.post(
@@ -164,7 +164,7 @@ def read(
     summary="The newest open batch, with its reason, spec and price",
 )
 def next_batch(study_id: StudyId, context: ContextDependency) -> NextBatchRead:
-    return _next(commands.next_batch(context, study_id))
+    return NextBatchRead.model_validate(commands.next_batch(context, study_id))
 
 
 @router.get(
@@ -238,16 +238,3 @@ def _counts(batch: BatchRow, outcomes: Outcomes, bound: float) -> BatchCounts:
     failed = outcomes.failed(bound)
     passed = sum(all(score is not None and score >= bound for score in scores) for scores in outcomes.by_variant)
     return BatchCounts(failed=failed, passed=passed, undefined=batch.legal - failed - passed)
-
-
-def _next(batch: commands.NextBatch) -> NextBatchRead:
-    return NextBatchRead(
-        number=batch.number,
-        reason=batch.reason,
-        legal=batch.legal,
-        rejected=batch.rejected,
-        accepted=batch.accepted,
-        run_id=batch.run_id,
-        spec=batch.spec.to_yaml(),
-        plan=batch.plan,
-    )

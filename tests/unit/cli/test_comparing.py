@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
 from tests.world.drawn import FUNCTIONS
-from valerie.cli import datasets
+from valerie.cli import progress_lines
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, UnknownName
 
@@ -75,10 +75,10 @@ def test_the_report_of_a_comparison_shows_the_worst_regressions(run: tuple[Path,
 def test_a_long_comparison_shows_its_progress_on_a_terminal_only(
     run: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(datasets, "LINE_SECONDS", 0.0)
+    monkeypatch.setattr(progress_lines, "LINE_SECONDS", 0.0)
     command = ("compare", "--function", HERE, "--function", THERE)
     assert called(run, *command).stderr == ""
-    monkeypatch.setattr(datasets, "on_terminal", lambda: True)
+    monkeypatch.setattr(progress_lines, "on_terminal", lambda: True)
     shown = called(run, *command)
     assert re.search(r"^1 of \d+ frames compared, .* left$", shown.stderr, re.MULTILINE)
     assert "frames compared" not in shown.stdout

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from valerie.cli.datasets import ProgressLines, parse_splits
+from valerie.cli.datasets import parse_splits
 from valerie.cli.main import app
+from valerie.cli.progress_lines import ProgressLines
 from valerie.errors import Conflict, InvalidInput, UnknownName
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from tests.planted_tables import planted_finding
 from valerie.analysis.findings.findings import ScoredPerson
-from valerie.cli import datasets
+from valerie.cli import progress_lines
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
 from valerie.pipeline.evidence.evidence_manifest import SIGNED
@@ -44,9 +44,9 @@ def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_w
     assert f"signed by key {key_id}" in told("verify", str(folder), "--key", f"{key}.pub")
     assert "files are consistent, signer unknown" in told("verify", str(folder))
     with monkeypatch.context() as terminal:
-        terminal.setattr(datasets, "LINE_SECONDS", 0.0)
+        terminal.setattr(progress_lines, "LINE_SECONDS", 0.0)
         assert invoke.invoke(app, ["evidence", "verify", str(folder)]).stderr == ""
-        terminal.setattr(datasets, "on_terminal", lambda: True)
+        terminal.setattr(progress_lines, "on_terminal", lambda: True)
         shown = invoke.invoke(app, ["evidence", "verify", str(folder)]).stderr
         assert re.search(r"^1 of \d+ files checked, .* left$", shown, re.MULTILINE)
     shutil.copytree(folder, tmp_path / "unsigned")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from valerie.analysis.rows.frame_counts import FrameCounts, frame_counts, presen
 from valerie.analysis.rows.pairing import parts_of, row_keys
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
+from valerie.metrics import scores as pixel_scores
 from valerie.metrics.collection import CollectionScores
 from valerie.plain import JsonObject
 from valerie.statistics.gates import SliceComparison, compare_versions
@@ -312,25 +313,20 @@ def version_scores(
     """
     pacc, tp, fn = (table.numbers(name)[defined] for name in ("pacc", "tp", "fn"))
     tp_of_frames, fp, fn_of_frames = counts.tp[frames], counts.fp[frames], counts.fn[frames]
-    union = tp_of_frames + fp + fn_of_frames
     return VersionScores(
         pacc_mean=_mean(pacc),
-        pacc_pooled=_ratio(tp.sum(), (tp + fn).sum()),
+        pacc_pooled=pixel_scores.pacc(tp.sum(), fn.sum()),
         detected=_mean((pacc >= threshold).astype(np.float64)),
         precision_mean=_mean_ratio(tp_of_frames, tp_of_frames + fp),
-        precision_pooled=_ratio(tp_of_frames.sum(), (tp_of_frames + fp).sum()),
-        iou_mean=_mean_ratio(tp_of_frames, union),
-        iou_pooled=_ratio(tp_of_frames.sum(), union.sum()),
+        precision_pooled=pixel_scores.precision(tp_of_frames.sum(), fp.sum()),
+        iou_mean=_mean_ratio(tp_of_frames, tp_of_frames + fp + fn_of_frames),
+        iou_pooled=pixel_scores.iou(tp_of_frames.sum(), fp.sum(), fn_of_frames.sum()),
         false_pixels=int(fp.sum()),
     )
 
 
 def _mean(values: NDArray[np.float64]) -> float | None:
     return float(values.mean()) if len(values) else None
-
-
-def _ratio(part: Any, whole: Any) -> float | None:
-    return float(part) / float(whole) if whole else None
 
 
 def _mean_ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> float | None:

@@ -28,6 +28,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses
 from valerie.analysis.summary.pitfalls import pitfalls
 from valerie.errors import InvalidInput
+from valerie.metrics import scores as pixel_scores
 from valerie.statistics.intervals import Interval, Refusal, mean_interval
 from valerie.statistics.units import Estimand
 
@@ -251,14 +252,14 @@ def _row(table: EvaluationTable, group: Group, counts: FrameCounts, threshold: f
         pacc_mean_spread=spread(values),
         pacc_min=float(values.min()) if len(values) else None,
         pacc_max=float(values.max()) if len(values) else None,
-        pacc_pooled=_ratio(own_tp, own_tp + own_fn),
+        pacc_pooled=pixel_scores.pacc(own_tp, own_fn),
         pacc_pooled_interval=interval(values, (table.numbers("tp") + table.numbers("fn"))[defined]),
         precision_mean=_mean(table.numbers("precision")[first]),
-        precision_pooled=_ratio(tp, tp + fp),
+        precision_pooled=pixel_scores.precision(tp, fp),
         iou_mean=_mean(table.numbers("iou")[first]),
-        iou_pooled=_ratio(tp, tp + fp + fn),
+        iou_pooled=pixel_scores.iou(tp, fp, fn),
         detected=detected,
-        detection_rate=_ratio(detected, len(values)),
+        detection_rate=detected / len(values) if len(values) else None,
         detection_interval=interval(is_detected),
         detection_spread=spread(is_detected),
     )
@@ -310,10 +311,6 @@ def _empty(table: EvaluationTable, counts: FrameCounts) -> tuple[EmptyFrames, ..
         if len(pixels):
             empty.append(EmptyFrames(function, sensor, len(pixels), int(np.count_nonzero(pixels)), int(pixels.sum())))
     return tuple(empty)
-
-
-def _ratio(part: float, whole: float) -> float | None:
-    return float(part / whole) if whole else None
 
 
 def _mean(values: NDArray[np.float64]) -> float | None:

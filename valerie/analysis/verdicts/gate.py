@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.analysis.wording import ALIKE_PLACES, counted, points
 from valerie.errors import Conflict, InvalidInput, UnknownName
-from valerie.plain import JsonObject
+from valerie.plain import JsonObject, json_values
 from valerie.runs.document.differing import FREE, differing_fields
 from valerie.runs.products.pins import Pins, inference_part, numeric_classes
 from valerie.runs.resolving.spec import RunSpec
@@ -100,9 +99,7 @@ class GateResult:
             "passed": self.passed,
             "allow_undecided": self.allow_undecided,
             "verdicts": list(map(asdict, self.verdicts)),
-            "versions": [
-                {**_without_nan(asdict(version)), "undecided": version.undecided} for version in self.versions
-            ],
+            "versions": [{**json_values(version), "undecided": version.undecided} for version in self.versions],
         }
 
 
@@ -333,11 +330,3 @@ def slice_text(item: SliceComparison, effect: float) -> str:
         return f"{text}; the number of places needed to detect a drop of {100 * effect:g} points is unknown"
     too_few = "too few: " if item.too_few else ""
     return f"{text}; {too_few}{needed:,} places show a drop of {100 * effect:g} points"
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -35,14 +35,14 @@ _TABLES: Final = tuple(table.__table__ for table in TABLES if isinstance(table._
 
 def open_new(path: Path) -> Engine:
     """Open a new SQLite file, which nobody else opens before it is complete."""
+    return open_rows(lambda: _connected(path))
 
-    def opened() -> Connection:
-        connection = connect(path, isolation_level=None, check_same_thread=False)
-        connection.execute("PRAGMA journal_mode=OFF")
-        connection.execute("PRAGMA synchronous=OFF")
-        return connection
 
-    return open_rows(opened)
+def _connected(path: Path) -> Connection:
+    connection = connect(path, isolation_level=None, check_same_thread=False)
+    connection.execute("PRAGMA journal_mode=OFF")
+    connection.execute("PRAGMA synchronous=OFF")
+    return connection
 
 
 def write_files(path: Path, store: ArtifactStore, run_id: str) -> Mapping[str, ArchivedTable]:
@@ -86,9 +86,7 @@ def read_files(
             Base.metadata.create_all(engine)
         else:
             migrate.create(engine, revision)
-        with closing(connect(path, isolation_level=None)) as target:
-            target.execute("PRAGMA journal_mode=OFF")
-            target.execute("PRAGMA synchronous=OFF")
+        with closing(_connected(path)) as target:
             target.execute("BEGIN")
             for name, table in tables.items():
                 if name != OBJECTS:

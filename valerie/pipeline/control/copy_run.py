@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 from valerie.db import copying, functions, runs
 from valerie.db.archives import reading_run
@@ -11,6 +10,7 @@ from valerie.db.engine import reading, writing
 from valerie.document import Document
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.progress import Pace
 from valerie.storage.keys import function_key, is_archive_key, product_key, run_prefix
 from valerie.storage.store import copy_objects
 
@@ -29,9 +29,7 @@ class Copied(Document):
     bytes: int
 
 
-def copy_run(
-    source: Context, target: Context, run_id: str, *, progress: Callable[[int, int, float], None] | None = None
-) -> Copied:
+def copy_run(source: Context, target: Context, run_id: str, *, progress: Pace = lambda *_: None) -> Copied:
     """Copy an ended run with its products, functions under test, results and marks.
 
     The objects come first, so that a copy that is interrupted leaves only objects, which `gc` removes. Objects that the target
@@ -40,7 +38,7 @@ def copy_run(
     Args:
         source, target: two deployments of this version.
         run_id: id of the run.
-        progress: called with objects copied, objects in all, and objects per second.
+        progress: is told the objects so far.
 
     Raises:
         NotFound: the source has no such run.
@@ -62,8 +60,7 @@ def copy_run(
     size, started = 0, time.monotonic()
     for number, bytes_copied in enumerate(copy_objects(source.store, target.store, keys), start=1):
         size += bytes_copied
-        if progress is not None:
-            progress(number, len(keys), number / max(time.monotonic() - started, 1e-6))
+        progress(number, len(keys), number / max(time.monotonic() - started, 1e-6), "")
     with reading_run(source.engine, run_id) as connection, writing(target.engine) as other:
         for row in registered:
             functions.register(other, row.document, row.created_at)

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 from valerie.db import functions, retention, runs, sweeping, totals
 from valerie.db.archives import read_archived_digests
 from valerie.db.engine import reading, writing
-from valerie.errors import NotFound, StorageFull
+from valerie.errors import StorageFull
 from valerie.pipeline.base.context import Context
 from valerie.storage.keys import (
     FUNCTIONS,
@@ -143,9 +143,8 @@ def _of_a_run(context: Context, key: str) -> bool:
     """Return True if the run of an artifact exists, and reads the artifact if it is part of an archive."""
     run_id = key.split("/")[1]
     with reading(context.engine) as connection:
-        try:
-            archive = runs.archive_of(connection, run_id)
-        except NotFound:
-            return False
-    tables = {} if archive is None else archive.tables
+        run = runs.find(connection, run_id)
+    if run is None:
+        return False
+    tables = {} if run.archive is None else run.archive.tables
     return not is_archive_key(key) or key in {archive_key(run_id, name, file.sha256) for name, file in tables.items()}

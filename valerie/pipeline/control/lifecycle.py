@@ -20,7 +20,8 @@ from valerie.runs.products.progress import FrameProgress, ProgressToday, Variant
 from valerie.runs.products.states import ProductState, RunState
 from valerie.storage.keys import run_prefix
 
-_CANCELLABLE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
+#: States in which a run can be cancelled.
+CANCELLABLE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
 _RESUMABLE: Final = (RunState.PAUSED, RunState.CANCELLED)
 _RETRYABLE: Final = (
     RunState.RUNNING,
@@ -63,7 +64,7 @@ def cancel(context: Context, run_id: str) -> None:
     """
     with writing(context.engine) as connection:
         now = database_moment(connection)
-        _change(connection, run_id, expected=_CANCELLABLE, state=RunState.CANCELLED, finished_at=now)
+        _change(connection, run_id, expected=CANCELLABLE, state=RunState.CANCELLED, finished_at=now)
 
 
 def resume(context: Context, run_id: str) -> None:

@@ -6,12 +6,13 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
+from functools import partial
 from threading import Lock, Thread
 from typing import Any, Final, NamedTuple, TypeVar
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeHistogramMetricFamily, GaugeMetricFamily, Metric
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from valerie import plugins
 from valerie.db import processes, runs, totals
@@ -335,34 +336,22 @@ class _Collector:
 
     def collect(self) -> Iterator[Metric]:
         """Return the metrics of this moment."""
-        reads: dict[str, Callable[[Connection], list[Metric]]] = {
-            "products": _product_metrics,
-            "workers": _worker_metrics,
-            "runs": _run_metrics,
-        }
-
-        def question(read: Callable[[Connection], list[Metric]]) -> Callable[[], list[Metric]]:
-            def ask() -> list[Metric]:
-                with reading(self._context.engine) as connection:
-                    return read(connection)
-
-            return ask
-
-        answers = _ask(self._context, {f"metrics of {name}": question(read) for name, read in reads.items()})
-        known = {name: answer for name, answer in zip(reads, answers.values(), strict=True) if isinstance(answer, list)}
+        questions = {f"metrics of {name}": partial(read, self._context) for name, read in _READS.items()}
+        answers = zip(_READS, _ask(self._context, questions).values(), strict=True)
+        known = {name: answer for name, answer in answers if isinstance(answer, list)}
         metrics = [metric for answer in known.values() for metric in answer]
         routes = {sample.labels["route"] for metric in metrics for sample in metric.samples if "route" in sample.labels}
         messages = _messages(self._context, sorted(routes | {EVAL_QUEUE}))
         up = GaugeMetricFamily(
             "valerie_up", "Whether a part answers; without it, its metrics are unknown", labels=["part"]
         )
-        up.add_metric(["database"], float(known.keys() == reads.keys()))
+        up.add_metric(["database"], float(known.keys() == _READS.keys()))
         up.add_metric(["broker"], float(bool(messages)))
         yield up
         unknown = GaugeMetricFamily(
             "valerie_unknown", "Whether the database did not give these metrics in time", labels=["metrics"]
         )
-        for name in reads:
+        for name in _READS:
             unknown.add_metric([name], float(name not in known))
         yield unknown
         depth = GaugeMetricFamily("valerie_queue_messages", "Messages waiting in a queue", labels=["route"])
@@ -372,21 +361,25 @@ class _Collector:
         yield from metrics
 
 
-def _product_metrics(connection: Connection) -> list[Metric]:
+def _product_metrics(context: Context) -> list[Metric]:
+    with reading(context.engine) as connection:
+        unfinished, ended = totals.backlog(connection), totals.totals(connection)
+        newest = totals.newest_costs(connection, newest=_NEWEST)
+        failures = totals.failure_reasons(connection, newest=_NEWEST)
     backlog = GaugeMetricFamily("valerie_products", "Unfinished products", labels=["route", "state"])
-    for route, state, count in totals.backlog(connection):
+    for route, state, count in unfinished:
         backlog.add_metric([route, state], count)
     done = CounterMetricFamily("valerie_products_done", "Products made", labels=["kind"])
     failed = CounterMetricFamily("valerie_products_failed", "Products that failed for good", labels=["kind"])
     cpu = CounterMetricFamily("valerie_stage_cpu_seconds", "CPU seconds spent on finished products", labels=["kind"])
-    for kind, done_count, failed_count, seconds in totals.totals(connection):
+    for kind, done_count, failed_count, seconds in ended:
         done.add_metric([kind], done_count)
         failed.add_metric([kind], failed_count)
         cpu.add_metric([kind], seconds)
     costs = GaugeHistogramMetricFamily(
         "valerie_product_cpu_seconds", f"CPU seconds of the newest {_NEWEST:,} products of a kind", labels=["kind"]
     )
-    for kind, values in totals.newest_costs(connection, newest=_NEWEST):
+    for kind, values in newest:
         counts = [(bound, sum(value <= float(bound) for value in values)) for bound in _COST_BOUNDS]
         costs.add_metric([kind], counts, sum(values))
     reasons = GaugeMetricFamily(
@@ -394,21 +387,27 @@ def _product_metrics(connection: Connection) -> list[Metric]:
         f"Products that failed for good, of the newest {_NEWEST:,} failures",
         labels=["kind", "error"],
     )
-    for reason in totals.failure_reasons(connection, newest=_NEWEST):
+    for reason in failures:
         reasons.add_metric([reason.kind, reason.type], reason.products)
     return [backlog, done, failed, cpu, costs, reasons]
 
 
-def _worker_metrics(connection: Connection) -> list[Metric]:
-    alive = processes.workers(connection, now=database_time(connection))
+def _worker_metrics(context: Context) -> list[Metric]:
+    with reading(context.engine) as connection:
+        alive = processes.workers(connection, now=database_time(connection))
     workers = GaugeMetricFamily("valerie_workers", "Living worker processes", labels=["stage"])
     for stage in Stage:
         workers.add_metric([stage], sum(1 for worker in alive if worker.stage is stage))
     return [workers]
 
 
-def _run_metrics(connection: Connection) -> list[Metric]:
+def _run_metrics(context: Context) -> list[Metric]:
+    with reading(context.engine) as connection:
+        counts = runs.count_by_state(connection)
     by_state = GaugeMetricFamily("valerie_runs", "Runs by state", labels=["state"])
-    for state, count in runs.count_by_state(connection).items():
+    for state, count in counts.items():
         by_state.add_metric([state], count)
     return [by_state]
+
+
+_READS: Final = {"products": _product_metrics, "workers": _worker_metrics, "runs": _run_metrics}

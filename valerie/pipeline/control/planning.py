@@ -26,6 +26,11 @@ from valerie.runs.products.states import EVAL_QUEUE, ProductKind
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 from valerie.scene.assets.asset import is_generated, pack_settings, parse_reference
 
+#: Number of products from which their mean replaces the shipped table.
+_MANY: Final = 3
+#: Largest number of frames that a submission examines.
+_FORECAST_FRAMES: Final = 4_000
+
 
 def plan_run(
     context: Context,
@@ -95,12 +100,6 @@ def _on_training_sites(spec: RunSpec, documents: Mapping[str, FunctionDocument])
     for name, document in documents.items():
         if has_seen(document, asset, seed):
             yield f"{name} was trained on {site}: its scores there say little about other places"
-
-
-#: Number of products from which their mean replaces the shipped table.
-_MANY: Final = 3
-#: Largest number of frames that a submission examines.
-_FORECAST_FRAMES: Final = 4_000
 
 
 def _costs(resolved: ResolvedRun, pins: Pins | None, recorded: list[totals.RecordedCost]) -> CostTable:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import subprocess
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -50,11 +49,11 @@ class Preview:
 
     Attributes:
         variant: its values, and why it would be rejected.
-        picture: PNG; None for a rejected variant.
+        picture: PNG in base 64; None for a rejected variant.
     """
 
     variant: PlannedVariant
-    picture: bytes | None
+    picture: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +133,7 @@ class Previews:
         planned = planned_variants(resolved, variants)
         legal = [variant.index for variant in planned if variant.rejection is None]
         rendered = self._rendered(_job(self._context, resolved, camera, legal))
-        pictures = dict(zip(legal, map(base64.b64decode, rendered.answer.pictures), strict=True))
+        pictures = dict(zip(legal, rendered.answer.pictures, strict=True))
         return Previewed(
             variants=tuple(Preview(variant, pictures.get(variant.index)) for variant in planned),
             engine=rendered.engine,

@@ -34,7 +34,7 @@ class _Look:
     Attributes:
         now: Unix seconds.
         run: row of the run.
-        total: counts of all its fed_blocks.
+        total: counts of all its blocks.
         backlog: unfinished products of all runs.
         served: queues that living workers serve.
         awaited: number of its predictions that are yet to be uploaded.
@@ -49,7 +49,7 @@ class _Look:
 
 
 class ProgressBook:
-    """Counts of the runs of this process; a cache over the finished fed_blocks."""
+    """Counts of the runs of this process; a cache over the finished blocks."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from secrets import token_hex
 from typing import Annotated, Final, Self
 
 import structlog
 from pydantic import Field, model_validator
-from sqlalchemy import Connection
 
 from valerie.access import PROJECT, Area, Caller, Role, digest_of, new_secret
 from valerie.db import tokens
-from valerie.db.engine import database_time, reading, writing
+from valerie.db.engine import database_moment, reading, writing
 from valerie.document import Document
 from valerie.errors import InvalidInput, TransientError
 from valerie.pipeline.base.context import Context
@@ -86,7 +85,7 @@ def _issue(
 ) -> tuple[tokens.TokenRow, str]:
     secret = new_secret()
     with writing(context.engine) as connection:
-        now = _now(connection)
+        now = database_moment(connection)
         token = tokens.TokenRow(name, owner, role, now, now + time, project=project, scopes=scopes)
         tokens.create(connection, token, digest_of(secret))
     return token, secret
@@ -99,7 +98,7 @@ def revoke(context: Context, name: str) -> None:
         NotFound: no such token.
     """
     with writing(context.engine) as connection:
-        tokens.revoke(connection, name, _now(connection))
+        tokens.revoke(connection, name, database_moment(connection))
 
 
 def caller_of(context: Context, secret: str) -> Caller | None:
@@ -109,7 +108,7 @@ def caller_of(context: Context, secret: str) -> Caller | None:
         TransientError: the database does not answer.
     """
     with reading(context.engine) as connection:
-        now = _now(connection)
+        now = database_moment(connection)
         token = tokens.valid(connection, digest_of(secret), now)
     if token is None:
         return None
@@ -120,7 +119,3 @@ def caller_of(context: Context, secret: str) -> Caller | None:
         except TransientError as error:  # a full disk must not lock everybody out
             log.warning("token.use_not_recorded", token=token.name, reason=str(error))
     return Caller(token.name, token.owner, token.role, token.project, token.scopes)
-
-
-def _now(connection: Connection) -> datetime:
-    return datetime.fromtimestamp(database_time(connection), UTC)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import sha256
@@ -21,7 +19,6 @@ from valerie.db import frames, runs
 from valerie.db.archives import reading_run
 from valerie.db.engine import reading
 from valerie.db.runs import RunRow
-from valerie.errors import StorageFull, StorageUnavailable
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.base.run_artifacts import ENVIRONMENT, REPORT, SUMMARY, TABLE_CSV, TABLE_PARQUET, read_artifact
@@ -48,8 +45,8 @@ from valerie.pipeline.evidence.evidence_manifest import (
     tree_root,
 )
 from valerie.pipeline.evidence.signing import read_private_key, sign
-from valerie.pipeline.export.folder import require_free_name, require_room
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
+from valerie.pipeline.export.folder import new_folder, require_free_name, require_room
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.named_frames import NamedFrame, named_frames
 from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.reports import read_odd
@@ -142,10 +139,7 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
     require_free_name(out)
     files = results | models
     _require_room(context, stored, out, named, sum(map(len, files.values())))
-    partial = out.with_name(f".{out.name}.partial")
-    try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
+    with new_folder(out) as partial:
         for name, data in files.items():
             (partial / name).write_bytes(data)
         conditions = register(typed(Findings, summary["findings"]))
@@ -178,15 +172,6 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
         (partial / MANIFEST).write_bytes(payload)
         if signer is not None:
             (partial / SIGNED).write_bytes(sign(payload, signer))
-        if out.exists():
-            out.rmdir()
-        partial.rename(out)
-    except OSError as error:
-        if error.errno == errno.ENOSPC:
-            raise StorageFull(f"no space left for {out}") from error
-        raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
     signer_id = None if signer is None else str(signer.public_key.keyid)
     return ExportedEvidence(out, len(manifest.subject), len(entries), manifest.predicate.root, signer_id)
 
@@ -217,10 +202,8 @@ def _write_frame(context: Context, stored: StoredRun, frame: NamedFrame, folder:
         kind = picture.kind if picture.person is None else "errors"
         function = None if picture.function is None else functions[picture.function]
         source = find_picture(context, frame.key, kind=kind, sensor=frame.sensor, function=function)
-        person = picture.person
-        pixels = paint_picture(context, source) if person is None else paint_close_up(context, source, person)
         (folder / picture.file).parent.mkdir(parents=True, exist_ok=True)
-        (folder / picture.file).write_bytes(png(pixels))
+        (folder / picture.file).write_bytes(png(paint_picture(context, source, person=picture.person)))
     return entry
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from valerie.errors import InvalidInput
+from valerie.pipeline.base.progress import Count
 from valerie.pipeline.evidence.evidence_manifest import (
     MANIFEST,
     SIGNED,
@@ -33,7 +33,7 @@ class Verified:
     Attributes:
         files: number of files that the manifest covers.
         root: Merkle root over them, hex.
-        signed: whether there is a signature.
+        signed: True if there is a signature.
         signer: id of the key that signed; None without a key to check with.
     """
 
@@ -43,7 +43,7 @@ class Verified:
     signer: str | None
 
 
-def verify(folder: Path, *, key: Path | None = None, progress: Callable[[int, int], None] | None = None) -> Verified:
+def verify(folder: Path, *, key: Path | None = None, progress: Count = lambda *_: None) -> Verified:
     """Check names, sizes and digests of all files, and with ``key`` the signature.
 
     Without a key, the origin of the folder remains unknown.
@@ -71,8 +71,7 @@ def verify(folder: Path, *, key: Path | None = None, progress: Callable[[int, in
     for number, (name, digest) in enumerate(expected.items(), start=1):
         if name in present and sha256_of(folder / name) != digest:
             problems.append(f"{name}: changed")
-        if progress is not None:
-            progress(number, len(expected))
+        progress(number, len(expected))
     if problems:
         raise Refused(problems)
     signer = None

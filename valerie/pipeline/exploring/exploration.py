@@ -7,12 +7,12 @@ rows that a filter selects.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from threading import Lock, RLock, Timer
-from typing import Final
+from typing import Final, TypeVar
 
 import duckdb
 import numpy as np
@@ -44,6 +44,8 @@ _KEPT_ORDERS: Final = 4
 _LOOKED_AT: Final = 16_384
 #: Column of row numbers; expressions cannot name it.
 ROW: Final = "row number"
+K = TypeVar("K")
+V = TypeVar("V")
 _SCORES: Final = frozenset(names_from(*OF_FUNCTION)) - {"function"}
 
 
@@ -57,7 +59,7 @@ class ExploredColumn:
         unit: unit of displayed numbers, which are multiplied by ``scale``.
         digits: decimals of a displayed number; None: as many as it has.
         group: ``row``, ``person``, ``conditions``, ``score`` or ``varied``.
-        numeric: whether it contains numbers rather than names.
+        numeric: True for numbers, False for names.
         low, high: range of its numbers; None without any.
         names: names that occur, sorted.
         undefined: number of rows without a value.
@@ -86,7 +88,7 @@ class Selection:
         rows: (N,) bool.
         numbers: (count,) their numbers, ascending.
         sql: the expression in SQL.
-        scored: whether it depends on a function's scores.
+        scored: True if it depends on a function's scores.
     """
 
     where: str
@@ -163,11 +165,7 @@ class Exploration:
             InvalidInput: it violates the grammar, compares different types or takes too long.
             UnknownName: it names an unknown column, or an unknown name of one.
         """
-        # The views of a page ask for the same selection at once; one of them computes it.
-        with self._caching:
-            if where not in self._selections:
-                self._selections[where] = self._selected(where, field)
-            return self._selections[where]
+        return self._once(self._selections, where, lambda: self._selected(where, field))
 
     def _selected(self, where: str, field: str) -> Selection:
         sql, scored, rows = Sql("TRUE"), False, np.ones(len(self), np.bool_)
@@ -180,17 +178,11 @@ class Exploration:
 
     def bins(self, column: str, count: int) -> Bins:
         """Return the bins of a column; errors as in `column_bins`."""
-        with self._caching:
-            if (column, count) not in self._bins:
-                self._bins[column, count] = column_bins(self.table, column, count)
-            return self._bins[column, count]
+        return self._once(self._bins, (column, count), lambda: column_bins(self.table, column, count))
 
     def grid(self, column: str, count: int) -> Grid:
         """Return the cells of a column of numbers along an axis of a density."""
-        with self._caching:
-            if (column, count) not in self._grids:
-                self._grids[column, count] = column_grid(self.table.numbers(column), count)
-            return self._grids[column, count]
+        return self._once(self._grids, (column, count), lambda: column_grid(self.table.numbers(column), count))
 
     def page(self, selection: Selection, *, sort: str = "", limit: int, offset: int = 0) -> pa.Table:
         """Return selected rows sorted by a column, undefined values last, ties in the order of the runs.
@@ -214,11 +206,19 @@ class Exploration:
 
     def _order(self, column: str, *, descending: bool) -> NDArray[np.intp]:
         """Return the numbers of all rows in the order of a column, undefined values last."""
+
+        def order() -> NDArray[np.intp]:
+            values = self._sortable(column)
+            return np.argsort(-values if descending else values, kind="stable")
+
+        return self._once(self._orders, (column, descending), order)
+
+    def _once(self, kept: MutableMapping[K, V], key: K, make: Callable[[], V]) -> V:
+        """Return what is kept, or make it. The views of a page ask for the same at once; one of them computes it."""
         with self._caching:
-            if (column, descending) not in self._orders:
-                values = self._sortable(column)
-                self._orders[column, descending] = np.argsort(-values if descending else values, kind="stable")
-            return self._orders[column, descending]
+            if key not in kept:
+                kept[key] = make()
+            return kept[key]
 
     def _sortable(self, column: str) -> NDArray[np.float64]:
         if self.table.is_number(column):

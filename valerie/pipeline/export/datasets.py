@@ -7,35 +7,25 @@ name. So the target is complete or does not exist, and the same request continue
 
 from __future__ import annotations
 
-import errno
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from valerie.errors import StorageFull, StorageUnavailable
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.progress import Pace
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.export.export_plan import ExportPlan, ExportSettings, plan_export
-from valerie.pipeline.export.folder import FRAGMENTS, close_partial, open_partial, require_free_name, require_room
+from valerie.pipeline.export.folder import (
+    FRAGMENTS,
+    close_partial,
+    new_folder,
+    open_partial,
+    require_free_name,
+    require_room,
+)
 from valerie.pipeline.export.frame_files import FrameWriter
 from valerie.pipeline.export.joining import write_documents
-from valerie.pipeline.reading.run_cache import RunCache
-
-
-@dataclass(frozen=True, slots=True)
-class ExportProgress:
-    """Progress of an export.
-
-    Attributes:
-        done, total: numbers of frames.
-        resumed: number of ``done`` frames that an earlier attempt wrote.
-        frames_per_s: rate of this attempt; 0 before the first frame.
-    """
-
-    done: int
-    total: int
-    resumed: int
-    frames_per_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +51,7 @@ def export_run(
     out: Path,
     settings: ExportSettings = ExportSettings(),  # noqa: B008  # frozen
     *,
-    progress: Callable[[ExportProgress], None] = lambda _: None,
+    progress: Pace = lambda *_: None,
 ) -> Exported:
     """Write the frames of a run as a data set.
 
@@ -70,7 +60,7 @@ def export_run(
         run_id: id of a run with finished frames; it need not be complete.
         out: folder to create; must not exist, or be empty.
         settings: the request.
-        progress: called after every frame.
+        progress: is told the frames so far, those that this attempt wrote per second, and how many were there already.
 
     Raises:
         NotFound: no such run.
@@ -79,32 +69,19 @@ def export_run(
         StorageFull: there is not enough room; nothing was written.
         StorageUnavailable: ``out`` cannot be written. The same export continues from what was written so far.
     """
-    runs = RunCache(context)
-    run = runs.run(run_id)
+    run = read_run(context, run_id)
     require_free_name(out)
     plan = plan_export(context, run, settings)
     require_room(out, plan.bytes, f"{len(plan.frames):,} frames", context.settings.min_free_mb)
-    partial = out.with_name(f".{out.name}.partial")
-    try:
+    with new_folder(out, resumes=True) as partial:
         open_partial(partial, plan.request())
-        _write_frames(FrameWriter(context, runs, plan), plan, partial, progress)
-        described = write_documents(context.engine, plan, partial)
+        _write_frames(FrameWriter(context, plan), plan, partial, progress)
+        splits, lost = write_documents(context.engine, plan, partial)
         close_partial(partial)
-        if out.exists():
-            out.rmdir()
-        partial.rename(out)
-    except OSError as error:
-        if error.errno == errno.ENOSPC:
-            raise StorageFull(
-                f"no space left for {out}; free some and run the same export again to continue"
-            ) from error
-        raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
-    return Exported(out, described.splits, plan.left_out, described.polygons_lose_percent)
+    return Exported(out, splits, plan.left_out, lost)
 
 
-def _write_frames(
-    writer: FrameWriter, plan: ExportPlan, partial: Path, progress: Callable[[ExportProgress], None]
-) -> None:
+def _write_frames(writer: FrameWriter, plan: ExportPlan, partial: Path, progress: Pace) -> None:
     """Write the frames that no earlier attempt wrote."""
     started, written, resumed = time.monotonic(), 0, 0
     for done, frame in enumerate(plan.frames, start=1):
@@ -118,4 +95,5 @@ def _write_frames(
             unsealed.replace(path)  # from here on the frame counts as written
             written += 1
         elapsed = time.monotonic() - started
-        progress(ExportProgress(done, len(plan.frames), resumed, written / elapsed if elapsed > 0 else 0.0))
+        there = f"{resumed:,} already there" if resumed else ""
+        progress(done, len(plan.frames), written / elapsed if elapsed > 0 else 0.0, there)

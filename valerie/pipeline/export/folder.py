@@ -2,17 +2,50 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from valerie.errors import Conflict, StorageFull
+from valerie.errors import Conflict, StorageFull, StorageUnavailable
 from valerie.pipeline.export.export_plan import ExportRequest
 
 #: Subfolder of an unfinished export, with one document per written frame.
 FRAGMENTS: Final = "fragments"
 _REQUEST: Final = "request.json"
+
+
+@contextmanager
+def new_folder(out: Path, *, resumes: bool = False) -> Iterator[Path]:
+    """Give the path of a hidden folder beside ``out``, which gets the name ``out`` when the body has filled it.
+
+    Args:
+        out: must not exist, or be an empty folder.
+        resumes: True leaves what an earlier attempt wrote, and what this one writes if it is interrupted.
+
+    Raises:
+        StorageFull, StorageUnavailable: the body or the renaming cannot write.
+    """
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        if not resumes:
+            shutil.rmtree(partial, ignore_errors=True)
+            partial.mkdir(parents=True)
+        yield partial
+        if out.exists():
+            out.rmdir()
+        partial.rename(out)
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            again = "; free some and run the same export again to continue" if resumes else ""
+            raise StorageFull(f"no space left for {out}{again}") from error
+        raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
+    finally:
+        if not resumes:
+            shutil.rmtree(partial, ignore_errors=True)
 
 
 def open_partial(partial: Path, request: ExportRequest) -> None:

@@ -22,10 +22,10 @@ from valerie.measures import OF_PERSON, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.export.export_plan import ExportPlan
 from valerie.pipeline.reading.annotation_files import Arrays, annotation_arrays, find_annotations, key_points, npz
+from valerie.pipeline.reading.asset_cache import AssetCache
 from valerie.pipeline.reading.capture import Capture, capture_of
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.product_reader import ProductReader
-from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.reading.selection import ChosenFrame
 from valerie.plain import JsonObject
 from valerie.rendering.annotations.joints import Joints
@@ -96,12 +96,12 @@ class FrameWriter:
 
     Args:
         context: context of this process.
-        runs: cache of the run's asset.
         plan: plan of the export.
     """
 
-    def __init__(self, context: Context, runs: RunCache, plan: ExportPlan) -> None:
-        self._context, self._runs, self._plan = context, runs, plan
+    def __init__(self, context: Context, plan: ExportPlan) -> None:
+        self._context, self._plan = context, plan
+        self._assets = AssetCache(context.settings)
         self._reader = ProductReader(context.store)
 
     def write(self, frame: ChosenFrame, root: Path) -> Fragment:
@@ -218,7 +218,7 @@ class FrameWriter:
         """Return the document of the frame's camera, with the focal length of the picture."""
         run = self._plan.run
         size = run.resolved.spec.resolution
-        scene = apply(frame.moment, self._runs.asset(run))
+        scene = apply(frame.moment, self._assets.of(run))
         camera = scene.cameras[run.resolved.cameras[frame.key.camera]]
         zoomed = replace(camera, focal_length_mm=camera.focal_length_mm * capture.zoom(size.width, size.height))
         return camera_document(zoomed, size.width, size.height)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.compute
@@ -31,19 +31,7 @@ from valerie.scene.graph.model import JOINTS
 DOCUMENT: Final = "dataset.json"
 
 
-class Described(NamedTuple):
-    """A finished data set.
-
-    Attributes:
-        splits: split to number of frames.
-        polygons_lose_percent: class to percentage of its pixels that polygons paint as another class, without zeros.
-    """
-
-    splits: Mapping[str, int]
-    polygons_lose_percent: Mapping[str, float]
-
-
-def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Described:
+def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> tuple[dict[str, int], dict[str, float]]:
     """Write the documents that list all frames.
 
     Args:
@@ -52,7 +40,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Described
         folder: folder with the fragments of all frames.
 
     Returns:
-        What the written description says of splits and polygons.
+        Split to number of frames, and class to percentage of its pixels that polygons paint as another class, without zeros.
     """
     settings, resolved = plan.settings, plan.run.resolved
     counts = Counter(fragment.split for fragment in _fragments(plan, folder))
@@ -99,7 +87,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Described
         version=f"{FORMAT_NAME.partition('/')[2]}.0.0",
     )
     (folder / croissant.FILE).write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n")
-    return Described(counts, lost)
+    return counts, lost
 
 
 def _lost_percent(fragments: Iterable[Fragment]) -> dict[str, float]:

@@ -9,8 +9,10 @@ from typing import Any
 from pydantic import JsonValue
 
 from valerie import plugins
+from valerie.db import functions as stored_functions
 from valerie.db import processes
 from valerie.db.engine import database_time, reading
+from valerie.db.functions import FunctionRow
 from valerie.errors import ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.cards import CardRow, card_rows
@@ -120,7 +122,7 @@ def functions(context: Context) -> list[FunctionEntry]:
     offers = _offers(context, Stage.INFER)
     entries = [_installed(name, offers) for name in plugins.function_names()]
     with reading(context.engine) as connection:
-        return entries + [_registered(version, offers) for version in registry.listed(connection)]
+        return entries + [_registered(version, offers) for version in stored_functions.every(connection)]
 
 
 def function(context: Context, reference: str) -> FunctionEntry:
@@ -136,7 +138,7 @@ def function(context: Context, reference: str) -> FunctionEntry:
     return registered_function(context, version)
 
 
-def registered_function(context: Context, version: registry.Registered, trial: Trial | None = None) -> FunctionEntry:
+def registered_function(context: Context, version: FunctionRow, trial: Trial | None = None) -> FunctionEntry:
     """Return a registered version with its document.
 
     Args:
@@ -160,7 +162,7 @@ def _installed(name: str, offers: list[Offer]) -> FunctionEntry:
     return _entry(card, document, numeric_classes=_numeric_classes(offers, name), problem=problem)
 
 
-def _registered(version: registry.Registered, offers: list[Offer]) -> FunctionEntry:
+def _registered(version: FunctionRow, offers: list[Offer]) -> FunctionEntry:
     document = version.document
     return _entry(
         document.card(),

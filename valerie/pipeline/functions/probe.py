@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -35,28 +36,21 @@ _KNOWN: Final = frozenset({"raster", "pyrender", plugins.TESTING_ENGINE, *FUNCTI
 
 def probe_engine(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
     """Return the offers of one render engine and of the truth pass beside it; add their specimens to ``specimens``."""
-    renderer = plugins.create_renderer(name)
-    try:
-        engine = _rendering(name, renderer.numeric_class, renderer.revision)
+    with closing(plugins.create_renderer(name)) as renderer:
+        engine = _offer(Stage.RENDER, name, renderer.numeric_class, renderer.revision)
         if specimens is not None and name in _KNOWN:
             add_image(specimens, engine, renderer)
-    finally:
-        renderer.close()
     truth_pass = plugins.create_truth_pass(name if name == plugins.TESTING_ENGINE else "")
-    truth = _rendering(TRUTH, truth_pass.numeric_class, truth_pass.revision)
+    truth = _offer(Stage.RENDER, TRUTH, truth_pass.numeric_class, truth_pass.revision)
     if specimens is not None:
         add_truth(specimens, truth, truth_pass)
     return [engine, truth]
 
 
-def _rendering(name: str, numeric_class: str, revision: int) -> Offer:
-    return Offer(
-        stage=Stage.RENDER,
-        name=name,
-        numeric_class=numeric_class,
-        revision=revision,
-        route=route_of(Stage.RENDER, name, numeric_class),
-    )
+def _offer(stage: Stage, name: str, numeric_class: str, revision: int) -> Offer:
+    # Each engine has its queue; all functions of a class share one.
+    route = route_of(stage, name, numeric_class) if stage is Stage.RENDER else route_of(stage, numeric_class)
+    return Offer(stage=stage, name=name, numeric_class=numeric_class, revision=revision, route=route)
 
 
 def probe_function(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
@@ -67,23 +61,12 @@ def probe_function(name: str, specimens: Specimens | None = None) -> list[AnyOff
     if name in inference_names():
         return probe_inference(name, specimens)
     settings = load_settings()
-    function = open_installed(name, settings, threads=settings.inference_threads)
-    try:
-        card = function.card
-        offer = FunctionOffer(
-            stage=Stage.INFER,
-            name=name,
-            numeric_class=function.numeric_class,
-            revision=function.revision,
-            route=route_of(Stage.INFER, function.numeric_class),
-            digest=card.digest,
-            card=card,
-        )
+    with closing(open_installed(name, settings, threads=settings.inference_threads)) as function:
+        plain = _offer(Stage.INFER, name, function.numeric_class, function.revision)
+        offer = FunctionOffer(**dict(plain), digest=function.card.digest, card=function.card)
         if specimens is not None and name in _KNOWN:
             add_prediction(specimens, offer, function)
-        return [offer]
-    finally:
-        function.close()
+    return [offer]
 
 
 def probe_inference(name: str, specimens: Specimens | None = None) -> list[AnyOffer]:
@@ -98,28 +81,16 @@ def probe_inference(name: str, specimens: Specimens | None = None) -> list[AnyOf
         parse_allowed(settings.http_addresses, field="VALERIE_HTTP_FUNCTIONS")
         from valerie.perception.running.http_function import HttpFunction
 
-        return [_inference(HTTP, HTTP, HttpFunction.revision)]
+        return [_offer(Stage.INFER, HTTP, HTTP, HttpFunction.revision)]
     engine, _, precision = name.partition("/")
     with TemporaryDirectory(prefix="valerie-probe-") as folder:
         document, path = _sample(engine, precision, Path(folder))
-        function = open_function_document(document, path, settings, threads=settings.inference_threads)
-        try:
-            offer = _inference(name, function.numeric_class, function.revision)
+        opened = open_function_document(document, path, settings, threads=settings.inference_threads)
+        with closing(opened) as function:
+            offer = _offer(Stage.INFER, name, function.numeric_class, function.revision)
             if specimens is not None:
                 add_prediction(specimens, offer, function)
-            return [offer]
-        finally:
-            function.close()
-
-
-def _inference(name: str, numeric_class: str, revision: int) -> Offer:
-    return Offer(
-        stage=Stage.INFER,
-        name=name,
-        numeric_class=numeric_class,
-        revision=revision,
-        route=route_of(Stage.INFER, numeric_class),
-    )
+    return [offer]
 
 
 def inference_names() -> tuple[str, ...]:

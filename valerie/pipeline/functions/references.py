@@ -7,6 +7,7 @@ from typing import Final
 
 from valerie import plugins
 from valerie.db.engine import reading
+from valerie.db.functions import SHORT
 from valerie.errors import Conflict, InvalidInput, TransientError, UnknownName
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import FunctionDocument
@@ -18,7 +19,6 @@ from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.functions.opening import open_installed
-from valerie.pipeline.functions.registry import SHORT
 from valerie.runs.products.pins import FunctionPin
 from valerie.spelling import plain_name
 

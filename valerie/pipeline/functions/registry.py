@@ -9,8 +9,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +17,8 @@ from sqlalchemy import Connection
 from valerie import plugins
 from valerie.db import functions
 from valerie.db.engine import database_moment, writing
+from valerie.db.functions import SHORT, FunctionRow
+from valerie.db.rows import required
 from valerie.errors import Conflict, CorruptArtifact, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.class_maps import require_person
 from valerie.perception.documents.function import FunctionDocument
@@ -26,35 +26,9 @@ from valerie.pipeline.base.context import Context
 from valerie.storage.keys import function_key
 
 _PREFIX: Final = re.compile(r"[0-9a-f]{6,32}")
-#: Number of displayed characters of a digest, which identify a version.
-SHORT: Final = 12
 
 
-@dataclass(frozen=True, slots=True)
-class Registered:
-    """One version of a registered function.
-
-    Attributes:
-        document: document of the function.
-        version: number among the versions of its name, from 1.
-        created_at: time of its registration, UTC.
-    """
-
-    document: FunctionDocument
-    version: int
-    created_at: datetime
-
-    @property
-    def digest(self) -> str:
-        return self.document.digest
-
-    @property
-    def reference(self) -> str:
-        """``name@digest``, the reference of exactly this version in specs."""
-        return f"{self.document.name}@{self.digest[:SHORT]}"
-
-
-def register(context: Context, document: FunctionDocument, payload: Path | None) -> tuple[Registered, bool]:
+def register(context: Context, document: FunctionDocument, payload: Path | None) -> tuple[FunctionRow, bool]:
     """Store a function.
 
     Returns:
@@ -86,12 +60,7 @@ def require_free(name: str) -> None:
         )
 
 
-def listed(connection: Connection) -> list[Registered]:
-    """Return all versions of all names: by name, newest first."""
-    return [_registered(row) for row in functions.every(connection)]
-
-
-def find(connection: Connection, reference: str, *, field: str = "function") -> Registered:
+def find(connection: Connection, reference: str, *, field: str = "function") -> FunctionRow:
     """Return the version that ``name`` or ``name@digest`` names.
 
     Raises:
@@ -116,10 +85,10 @@ def find(connection: Connection, reference: str, *, field: str = "function") -> 
             value=reference,
             limit=", ".join(row.digest for row in candidates),
         )
-    return _registered(candidates[0])
+    return candidates[0]
 
 
-def of_digest(connection: Connection, digest: str, name: str) -> Registered:
+def of_digest(connection: Connection, digest: str, name: str) -> FunctionRow:
     """Return the version that a run pinned.
 
     Args:
@@ -130,10 +99,8 @@ def of_digest(connection: Connection, digest: str, name: str) -> Registered:
     Raises:
         NotFound: it was removed.
     """
-    row = functions.of_digest(connection, digest)
-    if row is None:
-        raise NotFound("version of the function", f"{name.partition('@')[0]}@{digest[:SHORT]}: it was removed")
-    return _registered(row)
+    removed = f"{name.partition('@')[0]}@{digest[:SHORT]}: it was removed"
+    return required(functions.of_digest(connection, digest), "version of the function", removed)
 
 
 def known(connection: Connection, references: Iterable[str]) -> dict[str, FunctionDocument]:
@@ -152,7 +119,7 @@ def names(connection: Connection, registered: Mapping[str, FunctionDocument]) ->
     return {*registered, *(row.name for row in functions.every(connection))}
 
 
-def remove(context: Context, reference: str) -> Registered:
+def remove(context: Context, reference: str) -> FunctionRow:
     """Delete one version, and its payload if no other version has the same.
 
     Raises:
@@ -169,7 +136,7 @@ def remove(context: Context, reference: str) -> Registered:
         if needing:
             names = ", ".join(needing[:3]) + (" …" if len(needing) > 3 else "")
             raise Conflict(f"{version.reference} is needed by runs that have not ended: {names}; cancel them first")
-        functions.remove(connection, version.document.name, version.digest)
+        functions.remove(connection, version.name, version.digest)
         payload = version.document.payload
         orphaned = payload is not None and not functions.known_payloads(connection, [payload.sha256])
     if payload is not None and orphaned:
@@ -196,19 +163,22 @@ def read_payload(context: Context, document: FunctionDocument) -> bytes:
         NotFound: the function has no payload, or it was removed.
         CorruptArtifact: the store has other bytes.
     """
-    if document.payload is None:
+    payload = document.payload
+    if payload is None:
         raise NotFound("file of the function", document.name)
-    data = context.store.get(function_key(document.payload.sha256, document.payload.format))
-    _require_digest(hashlib.sha256(data).hexdigest(), document)
+    data = context.store.get(function_key(payload.sha256, payload.format))
+    sha256 = hashlib.sha256(data).hexdigest()
+    if sha256 != payload.sha256:
+        raise CorruptArtifact(f"the stored file of {document.name} has digest {sha256[:12]}, not {payload.sha256[:12]}")
     return data
 
 
-def _needs(connection: Connection, run: functions.UnfinishedRun, version: Registered) -> bool:
+def _needs(connection: Connection, run: functions.UnfinishedRun, version: FunctionRow) -> bool:
     """Return True if an unfinished run pinned this version, or would pin it when it starts."""
     if run.pins is not None:
         return any(pin.digest == version.digest for pin in run.pins.functions.values())
     documents = known(connection, run.spec.functions).values()
-    return any((document.name, document.digest) == (version.document.name, version.digest) for document in documents)
+    return any((document.name, document.digest) == (version.name, version.digest) for document in documents)
 
 
 def _store_payload(context: Context, document: FunctionDocument, path: Path | None) -> None:
@@ -219,14 +189,3 @@ def _store_payload(context: Context, document: FunctionDocument, path: Path | No
     if hashlib.sha256(data).hexdigest() != file.sha256:
         raise InvalidInput("not the file that the document names", field="payload.sha256", value=file.sha256)
     context.store.put(function_key(file.sha256, file.format), data)
-
-
-def _require_digest(sha256: str, document: FunctionDocument) -> None:
-    if sha256 != document.file.sha256:
-        raise CorruptArtifact(
-            f"the stored file of {document.name} has digest {sha256[:12]}, not {document.file.sha256[:12]}"
-        )
-
-
-def _registered(row: functions.FunctionRow) -> Registered:
-    return Registered(row.document, row.version, row.created_at)

@@ -164,21 +164,24 @@ def find_picture(
     return sources.picture(kind, function=function, sensor=sensor)
 
 
-def paint_picture(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
-    """Paint a picture: (H, W, 3) uint8 sRGB.
+def paint_picture(context: Context, source: ShownProducts, *, person: int | None = None) -> NDArray[np.uint8]:
+    """Paint a picture, or a person of its frame from near (`FramePainter.close_up`): (H, W, 3) uint8 sRGB.
 
     Args:
         context: of this process.
-        source: of the picture.
+        source: of the picture; of a close-up, it shows a prediction.
+        person: instance id; None: the picture.
 
     Raises:
-        UnknownName: no such kind, or the kind needs a function and the run has none.
+        UnknownName: no such kind, or it needs a function and the run has none.
         MissingInput: an object is gone.
     """
-    painter = FramePainter(ProductReader(context.store))
-    return painter.paint(
-        source.kind, capture=source.capture, prediction=source.prediction, annotation=source.annotation
-    )
+    painter, prediction = FramePainter(ProductReader(context.store)), source.prediction
+    if person is None:
+        return painter.paint(source.kind, capture=source.capture, prediction=prediction, annotation=source.annotation)
+    if prediction is None:
+        raise UnknownName("kind of picture", source.kind, FRAME_KINDS, field="kind")
+    return painter.close_up(capture=source.capture, prediction=prediction, person=person)
 
 
 def label_map(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
@@ -194,24 +197,6 @@ def label_map(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
     if source.prediction is None:
         raise UnknownName("kind of labels", source.kind, ("truth",), field="kind")
     return to_label_ids(reader.prediction(source.prediction))
-
-
-def paint_close_up(context: Context, source: ShownProducts, person: int) -> NDArray[np.uint8]:
-    """Paint a person of a frame from near (`FramePainter.close_up`): (H, W, 3) uint8 sRGB.
-
-    Args:
-        context: of this process.
-        source: of a kind that shows a prediction.
-        person: instance id.
-
-    Raises:
-        UnknownName: no function looked at the frame.
-        MissingInput: an object is gone.
-    """
-    if source.prediction is None:
-        raise UnknownName("kind of picture", source.kind, FRAME_KINDS, field="kind")
-    painter = FramePainter(ProductReader(context.store))
-    return painter.close_up(capture=source.capture, prediction=source.prediction, person=person)
 
 
 def _needed(kind: PictureKind, capture: Capture) -> tuple[str, ...]:

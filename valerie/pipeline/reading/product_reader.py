@@ -61,8 +61,7 @@ class ProductReader:
     def metered_ev(self, background: str) -> float:
         """Return the exposure that automatic exposure meters on a background."""
         if background not in self._metered:
-            image = self._kept(self._backgrounds, "background", background, codecs.decode_image)
-            self._metered[background] = metered_ev(image.pixels)
+            self._metered[background] = metered_ev(self.background(background).pixels)
         return self._metered[background]
 
     def truth(self, digest: str) -> GroundTruth:

@@ -33,11 +33,12 @@ from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import environment, software
 from valerie.pipeline.base.pinning import pinned_card
+from valerie.pipeline.base.progress import Count
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
-from valerie.pipeline.reading.scenes import FrameCount, SceneRun, match_scenes
+from valerie.pipeline.reading.scenes import SceneRun, match_scenes
 from valerie.pipeline.reading.selection import evaluated_persons, run_where
 from valerie.pipeline.reading.tables import read_classes, read_table, read_together
 from valerie.runs.document.differing import FREE, differing
@@ -174,7 +175,7 @@ def compare_runs(
     claims: Claims | None = None,
     across: Sequence[str] = (),
     where: str = "",
-    progress: FrameCount | None = None,
+    progress: Count = lambda *_: None,
 ) -> Beside:
     """Compare an ended run with another one of the same scenes, or two functions of one run.
 
@@ -241,7 +242,7 @@ def _compared(
     claims: Claims | None,
     functions: tuple[str, str] | None = None,
     across: Sequence[str] = (),
-    progress: FrameCount | None = None,
+    progress: Count = lambda *_: None,
 ) -> Beside:
     with reading(context.engine) as connection:
         row = _ended_row(connection, other)
@@ -379,11 +380,7 @@ class _Pictures:
     ) -> bytes | None:
         try:
             source = find_picture(self._context, FrameKey.parse(frame_id), kind=kind, function=function, sensor=sensor)
-            picture = (
-                paint_picture(self._context, source)
-                if person is None
-                else paint_close_up(self._context, source, person)
-            )
+            picture = paint_picture(self._context, source, person=person)
         except TransientError:
             raise  # otherwise the report would lack this picture for good
         except ValerieError as error:

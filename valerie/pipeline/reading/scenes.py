@@ -6,7 +6,7 @@ On request frames match across parameters that each run holds at a value of its 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +19,11 @@ from valerie.errors import InvalidInput
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import Value
 from valerie.parameters.paths import short_name
+from valerie.pipeline.base.progress import Count
 from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.runs.document.differing import differing_fields
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.scene.variation.variant import Inputs, split
-
-#: Is told the number of frames read so far, and of all.
-FrameCount = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +33,7 @@ class SceneRun:
     stored: StoredRun
     table: EvaluationTable
 
-    def scenes(self, across: Collection[str] = (), progress: FrameCount | None = None) -> NDArray[np.object_]:
+    def scenes(self, across: Collection[str] = (), progress: Count = lambda *_: None) -> NDArray[np.object_]:
         """Return the (N,) digest of each row's scene, camera and sensor values, without the engine.
 
         Args:
@@ -49,8 +47,7 @@ class SceneRun:
             if across:
                 parts = [{path: value for path, value in _values(inputs).items() if path not in across}]
             scenes.append(digest("scene", asset, camera, *parts))
-            if progress is not None:
-                progress(len(scenes), len(frames.names))
+            progress(len(scenes), len(frames.names))
         return np.array(scenes, dtype=object)[frames.index]
 
     def inputs(self) -> Iterator[tuple[str, Inputs]]:
@@ -82,7 +79,7 @@ def _held(*runs: SceneRun) -> HeldParameters:
 
 
 def match_scenes(
-    here: SceneRun, there: SceneRun, across: Sequence[str] = (), progress: FrameCount | None = None
+    here: SceneRun, there: SceneRun, across: Sequence[str] = (), progress: Count = lambda *_: None
 ) -> tuple[NDArray[np.object_], NDArray[np.object_], tuple[str, ...]]:
     """Return the scene of each row of two runs, and in words what they hold at different values.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from sqlalchemy import Connection
@@ -86,10 +86,7 @@ def sensor_index(name: str | None, resolved: ResolvedRun) -> int:
     Raises:
         UnknownName: the run has no such setting.
     """
-    names = [setting.name for setting in resolved.spec.sensors]
-    if name is not None and name not in names:
-        raise UnknownName("sensor", name, names, field="sensor")
-    return 0 if name is None else names.index(name)
+    return _index("sensor", name, [setting.name for setting in resolved.spec.sensors], field="sensor")
 
 
 def function_index(name: str | None, resolved: ResolvedRun) -> int:
@@ -98,10 +95,15 @@ def function_index(name: str | None, resolved: ResolvedRun) -> int:
     Raises:
         UnknownName: the run has no such function.
     """
-    names = resolved.spec.functions
-    if name is not None and name not in names:
-        raise UnknownName("function of the run", name, names, field="function")
-    return 0 if name is None else names.index(name)
+    return _index("function of the run", name, resolved.spec.functions, field="function")
+
+
+def _index(kind: str, name: str | None, names: Sequence[str], *, field: str) -> int:
+    if name is None:
+        return 0
+    if name not in names:
+        raise UnknownName(kind, name, names, field=field)
+    return names.index(name)
 
 
 def as_called(reference: str, run: StoredRun) -> str:

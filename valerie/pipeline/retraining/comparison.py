@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import pinned_card
+from valerie.pipeline.base.progress import Pace
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.capture import capture_of
@@ -37,7 +39,6 @@ from valerie.pipeline.reading.selection import (
     run_where,
 )
 from valerie.pipeline.reading.tables import designs_of, varied_types
-from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.pipeline.retraining.weak_scenes import run_values
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pins import inference_part, numeric_classes
@@ -96,7 +97,7 @@ def compare_on_run(
     open_function: Callable[[str], PerceptionFunction],
     grouping: Grouping = Grouping(),
     mixed: bool = False,
-    progress: Callable[[EvaluationProgress], None] = lambda _: None,
+    progress: Pace = lambda *_: None,
 ) -> VersionComparison:
     """Compare functions on a run's frames; the first is "before".
 
@@ -109,7 +110,7 @@ def compare_on_run(
         open_function: opens a reference.
         grouping: groups of persons.
         mixed: also compare versions in different numeric classes, to see the effect of precision or engine.
-        progress: called after every predicted frame.
+        progress: is told the frames that a function has seen, and its name.
 
     Raises:
         NotFound, InvalidInput, UnknownName: no such run, function or column.
@@ -152,11 +153,8 @@ def _version(reference: str, run: StoredRun, open_function: Callable[[str], Perc
     if reference in run.resolved.spec.functions:
         card, numeric_class = pinned_card(run.pins, reference), numeric_classes(run.pins)[inference_part(reference)]
         return _Version(reference, True, numeric_class, frozenset(card.judged_ids))
-    function = open_function(reference)
-    try:
+    with closing(open_function(reference)) as function:
         return _Version(reference, False, function.numeric_class, frozenset(function.card.judged_ids))
-    finally:
-        function.close()
 
 
 def _require_one_class(versions: Mapping[str, _Version]) -> None:
@@ -226,16 +224,15 @@ def _evaluate(
     frames: Sequence[ChosenFrame],
     reference: str,
     open_function: Callable[[str], PerceptionFunction],
-    progress: Callable[[EvaluationProgress], None],
+    progress: Pace,
 ) -> _Evaluated:
     """Predict and score every frame in this process, like the evaluation stage."""
     varied, name = varied_types(run.resolved), display_name(reference)
     reader = ProductReader(context.store)
     rows: list[TableRow] = []
     matrices: dict[FrameKey, ConfusionMatrix] = {}
-    function = open_function(reference)
     started = time.monotonic()
-    try:
+    with closing(open_function(reference)) as function:
         shots = ((frame, capture_of(run.resolved, frame.stored, 0)) for frame in frames)
         pictures = ((shot, shot[1].picture(reader)) for shot in shots)
         for done, ((frame, capture), labels) in enumerate(predicted(function, pictures), start=1):
@@ -253,10 +250,7 @@ def _evaluate(
                     **scores.measures,
                 }
                 rows.append({column: row.get(column) for column in _columns(varied)})
-            rate = done / max(time.monotonic() - started, 1e-9)
-            progress(EvaluationProgress(name, done, len(frames), rate))
-    finally:
-        function.close()
+            progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
     return _Evaluated(EvaluationTable.from_rows(rows, varied, designs_of(run)), matrices)
 
 

@@ -11,6 +11,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -37,6 +38,7 @@ from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import pinned_card
+from valerie.pipeline.base.progress import Pace
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
@@ -195,22 +197,6 @@ def compare_twins(
 
 
 @dataclass(frozen=True, slots=True)
-class EvaluationProgress:
-    """Progress of an evaluation.
-
-    Attributes:
-        function: the function that is evaluated.
-        done, total: numbers of frames; on a data set those of all functions together.
-        frames_per_s: rate since the start.
-    """
-
-    function: str
-    done: int
-    total: int
-    frames_per_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class _Truth:
     """A labelled frame for `score_frame`; the persons are the visible ones."""
 
@@ -224,7 +210,7 @@ def evaluate_dataset(
     references: Sequence[str],
     *,
     open_function: Callable[[str], PerceptionFunction],
-    progress: Callable[[EvaluationProgress], None] = lambda _: None,
+    progress: Pace = lambda *_: None,
 ) -> DatasetResult:
     """Evaluate functions on one split, one function after the other.
 
@@ -232,7 +218,7 @@ def evaluate_dataset(
         folder: the split.
         references: references of the functions; at least one.
         open_function: opens a reference; the function is closed before the next is opened.
-        progress: called after every frame.
+        progress: is told the frames so far, of all functions together, and the function that sees them.
 
     Raises:
         InvalidInput: no function, one named twice, or files that are no labels.
@@ -247,12 +233,11 @@ def evaluate_dataset(
     evaluated: list[FunctionResult] = []
     content = hashlib.sha256()
     for number, (name, reference) in enumerate(zip(names, references, strict=True)):
-        function = open_function(reference)
-        began = time.monotonic()
         matrices: list[ConfusionMatrix] = []
         persons: list[InstanceCounts] = []
         rows: list[TableRow] = []
-        try:
+        with closing(open_function(reference)) as function:
+            began = time.monotonic()
             frames = ((frame, frame.picture) for frame in folder)
             for index, (frame, labels) in enumerate(predicted(function, frames)):
                 if number == 0:
@@ -265,8 +250,7 @@ def evaluate_dataset(
                     persons += scored.persons
                     rows += _person_rows(scored, name, frame, index, dataset)
                 done += 1
-                rate = done / max(time.monotonic() - started, 1e-9)
-                progress(EvaluationProgress(name, done, total, rate))
+                progress(done, total, done / max(time.monotonic() - started, 1e-9), name)
             evaluated.append(
                 FunctionResult(
                     name=name,
@@ -280,8 +264,6 @@ def evaluate_dataset(
                     seconds=time.monotonic() - began,
                 )
             )
-        finally:
-            function.close()
     return DatasetResult(folder.root, folder.split, content.hexdigest(), folder.has_instances, tuple(evaluated))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,6 +10,7 @@ from typing import Final
 from valerie.analysis.comparison.before_after import VersionComparison
 from valerie.analysis.comparison.wording import difference_text
 from valerie.db.archives import reading_run
+from valerie.db.functions import SHORT, FunctionRow
 from valerie.db.links import StoredFrame
 from valerie.errors import Conflict
 from valerie.perception.documents.function import parse_function
@@ -18,15 +18,15 @@ from valerie.perception.running.choice import REASON
 from valerie.perception.running.opening import open_function
 from valerie.perception.running.quantizing import quantize
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.progress import Pace
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.bounded import open_bounded
 from valerie.pipeline.functions.references import pinned_payload
-from valerie.pipeline.functions.registry import SHORT, Registered, register, require_free
+from valerie.pipeline.functions.registry import register, require_free
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.selection import finished_frames, function_index
 from valerie.pipeline.retraining.comparison import compare_on_run
-from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 
 #: Entries of the provenance: the function before, the frames that gave the ranges, and the change of pACC.
 BEFORE: Final = "quantized from"
@@ -44,7 +44,7 @@ class QuantizedVersion:
         comparison: the run's function and this version on the run's frames.
     """
 
-    registered: Registered
+    registered: FunctionRow
     new: bool
     comparison: VersionComparison
 
@@ -57,7 +57,7 @@ def quantize_function(
     *,
     frames: int,
     threads: int | None = None,
-    progress: Callable[[EvaluationProgress], None] = lambda _: None,
+    progress: Pace = lambda *_: None,
 ) -> QuantizedVersion:
     """Quantise a function as a run pinned it, compare both on the run's frames, and register the result.
 
@@ -68,7 +68,7 @@ def quantize_function(
         name: name to register under.
         frames: number of frames, spread evenly over the run, that give the ranges of activations.
         threads: CPU threads of the inference engine; None: as many as this deployment's workers have.
-        progress: called after every predicted frame.
+        progress: see `compare_on_run`.
 
     Raises:
         NotFound, UnknownName: no such run or function.

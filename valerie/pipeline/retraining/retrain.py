@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from pydantic import JsonValue
 
+from valerie.db.functions import FunctionRow
 from valerie.errors import InvalidInput
 from valerie.parameters.assignment import digest
 from valerie.perception.documents.function import FunctionDocument, parse_function
@@ -26,7 +27,7 @@ from valerie.perception.training.start_weights import start_file
 from valerie.perception.training.training_set import TrainingSet
 from valerie.perception.training.training_settings import TrainingSettings
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.functions.registry import Registered, register
+from valerie.pipeline.functions.registry import register
 from valerie.pipeline.retraining.training_frames import FrameSettings, render_training_frames
 from valerie.pipeline.retraining.weakness import Weakness
 from valerie.runs.study.retraining import RetrainSettings
@@ -163,7 +164,7 @@ def retrain(
     )
 
 
-def register_retrained(context: Context, retrained: Retrained, name: str) -> tuple[Registered, bool]:
+def register_retrained(context: Context, retrained: Retrained, name: str) -> tuple[FunctionRow, bool]:
     """Register a new version: the original function with new weights.
 
     Returns:

@@ -9,12 +9,13 @@ import ctypes
 import json
 import math
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import count, islice
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -36,10 +37,11 @@ from valerie.perception.training.frame_folder import (
 )
 from valerie.pipeline.retraining import training_scenes
 from valerie.pipeline.retraining.crowds import crowd_asset
-from valerie.pipeline.retraining.training_scenes import AS_MADE, draw_arguments, draw_scene
+from valerie.pipeline.retraining.training_scenes import AS_MADE, TrainingScene, draw_arguments, draw_scene
 from valerie.pipeline.retraining.weak_scenes import TargetRegion
 from valerie.plugins import create_renderer, create_truth_pass
-from valerie.rendering.base import View
+from valerie.rendering.base import GroundTruth, LinearImage, Renderer, View
+from valerie.rendering.truth import TruthMaker
 from valerie.scene.assets.asset import AssetArguments, SceneAsset, asset_manifest, default_pack, load_asset
 from valerie.sensing import sensor
 from valerie.sensing.sensor import Shot, develop
@@ -191,54 +193,88 @@ def frames_of(
         RenderingError: no usable image after several draws.
         InvalidInput: too few drawn scenes are in the region.
     """
-    renderer = create_renderer(_ENGINE)
-    truth_pass = create_truth_pass(renderer.numeric_class)
     crowd = crowd_asset(asset)
     draws = draws if draws is not None else SceneCount()
-    try:
+    with _engines() as (renderer, truth_pass):
         for number in range(settings.per_site):
             target = (
                 TargetRegion(settings.region) if settings.region is not None and settings.is_targeted(number) else None
             )
-            unusable = 0
-            for attempt in range(_TRIES if target is None else most_draws):
-                rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
-                setting = np.random.default_rng([training_scenes.REVISION, seed, number // _TAKES, attempt, 1])
-                as_made = AS_MADE if target is None else target.as_made
-                scene = draw_scene(crowd, rng, setting=setting, as_made=as_made)
-                draws.count += 1
-                view = View(scene.camera, settings.width, settings.height)
-                if target is not None and not target.possible(scene):
-                    continue
-                truth = truth_pass.truth(scene.scene, view)
-                if target is not None and not target.hit(scene, truth, view):
-                    continue
-                try:
-                    background = renderer.background(scene.scene, view)
-                    break
-                except RenderingError:
-                    # The camera sees only sky or a wall; the next attempt draws another scene.
-                    unusable += 1
-                    if unusable == _TRIES:
-                        raise
-            else:
+            as_made = AS_MADE if target is None else target.as_made
+            most = _TRIES if target is None else most_draws
+            scenes = islice(_drawn(crowd, seed, number, as_made, draws), most)
+            usable = _first_usable(scenes, target, (settings.width, settings.height), renderer, truth_pass)
+            if usable is None:
                 raise InvalidInput(
                     f"no drawn scene of site {seed} is in the region", field="region",
                     value=str(settings.region), limit=f"one of {most_draws:,} draws",
                 )  # fmt: skip
+            scene, view, truth, background = usable
             image = renderer.layer(scene.scene, view).over(background)
             picture = develop(image.pixels, scene.sensor, Shot(run_seed=seed, content=(str(number),)))
             yield TrainingFrame(picture, to_train_ids(truth.class_map), seed)
-    finally:
-        truth_pass.close()
-        renderer.close()
+
+
+@contextmanager
+def _engines() -> Iterator[tuple[Renderer, TruthMaker]]:
+    """Open the engine and the truth pass of training frames."""
+    with (
+        closing(create_renderer(_ENGINE)) as renderer,
+        closing(create_truth_pass(renderer.numeric_class)) as truth_pass,
+    ):
+        yield renderer, truth_pass
+
+
+def _drawn(crowd: SceneAsset, seed: int, number: int, as_made: float, draws: SceneCount) -> Iterator[TrainingScene]:
+    """Yield scenes for frame ``number`` of a site, without end."""
+    for attempt in count():
+        rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
+        setting = np.random.default_rng([training_scenes.REVISION, seed, number // _TAKES, attempt, 1])
+        draws.count += 1
+        yield draw_scene(crowd, rng, setting=setting, as_made=as_made)
+
+
+class _Usable(NamedTuple):
+    """A drawn scene that the engine can render, with its truth and its background."""
+
+    scene: TrainingScene
+    view: View
+    truth: GroundTruth
+    background: LinearImage
+
+
+def _first_usable(
+    scenes: Iterable[TrainingScene],
+    target: TargetRegion | None,
+    size: tuple[int, int],
+    renderer: Renderer,
+    truth_pass: TruthMaker,
+) -> _Usable | None:
+    """Return the first scene in the region that the engine can render; None without any.
+
+    Raises:
+        RenderingError: the engine refused `_TRIES` scenes.
+    """
+    unusable = 0
+    for scene in scenes:
+        view = View(scene.camera, *size)
+        if target is not None and not target.possible(scene):
+            continue
+        truth = truth_pass.truth(scene.scene, view)
+        if target is not None and not target.hit(scene, truth, view):
+            continue
+        try:
+            return _Usable(scene, view, truth, renderer.background(scene.scene, view))
+        except RenderingError:  # the camera sees only sky or a wall
+            unusable += 1
+            if unusable == _TRIES:
+                raise
+    return None
 
 
 def _makers() -> dict[str, str]:
     """Return the entries of the provenance on engine and truth pass, which are opened in this process."""
-    renderer = create_renderer(_ENGINE)
-    truth_pass = create_truth_pass(renderer.numeric_class)
-    try:
+    with _engines() as (renderer, truth_pass):
         return {
             "frame-revisions": (
                 f"scenes {training_scenes.REVISION}, sensor {sensor.REVISION}, "
@@ -246,9 +282,6 @@ def _makers() -> dict[str, str]:
             ),
             "renderer": f"{_ENGINE}, {renderer.numeric_class}",
         }
-    finally:
-        truth_pass.close()
-        renderer.close()
 
 
 def _provenance(

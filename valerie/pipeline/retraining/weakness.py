@@ -10,6 +10,7 @@ from typing import Final
 from valerie.analysis.findings.region import Region, region_of
 from valerie.analysis.rows.frame_counts import ABSENT
 from valerie.db.archives import reading_run
+from valerie.db.functions import SHORT
 from valerie.errors import Conflict, InvalidInput
 from valerie.measures import TableRow
 from valerie.perception.documents.function import FunctionDocument
@@ -19,7 +20,6 @@ from valerie.perception.training.provenance import sites_seen
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import pinned_network
-from valerie.pipeline.functions.registry import SHORT
 from valerie.pipeline.reading.selection import evaluated_persons, function_index, run_where
 from valerie.pipeline.retraining.weak_scenes import quantities, run_values
 from valerie.runs.resolving.spec import ResolvedRun

@@ -19,7 +19,7 @@ from valerie.db import processes, results, runs
 from valerie.db.engine import database_moment, database_time, reading, writing
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
-from valerie.errors import NotFound, StorageFull, StorageUnavailable, TransientError
+from valerie.errors import StorageFull, StorageUnavailable, TransientError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import environment
 from valerie.pipeline.base.pausing import pause_for_storage
@@ -70,10 +70,9 @@ def finish_run(context: Context, run_id: str, *, write: Writer | None = None) ->
 
 def _finishing(context: Context, run_id: str) -> RunRow | None:
     """Return the run if it is finishing."""
-    with reading(context.engine) as connection, suppress(NotFound):
-        run = runs.get(connection, run_id)
-        return run if run.state is RunState.FINISHING else None
-    return None
+    with reading(context.engine) as connection:
+        run = runs.find(connection, run_id)
+    return run if run is not None and run.state is RunState.FINISHING else None
 
 
 @contextmanager

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 from valerie import plugins
 from valerie.measures import MEASURES, TableRow
 from valerie.parameters.assignment import Assignment
+from valerie.pipeline.work.makers.rendering import cpu_seconds_elsewhere
 from valerie.rendering.base import View
 from valerie.rendering.truth import TruthMaker
 from valerie.rendering.visibility import Visibility, measure
@@ -67,18 +69,15 @@ def _rows(
 def price_of_layers(resolved: ResolvedRun, asset: SceneAsset, variants: Sequence[MeasuredVariant]) -> float:
     """Return the CPU seconds of a layer by the spec's engine: the mean of these variants, over a warm background."""
     spec = resolved.spec
-    engine = plugins.create_renderer(spec.engine, spec.engine_settings)
     view = View(resolved.cameras[0], spec.resolution.width, spec.resolution.height)
-    try:
+    with closing(plugins.create_renderer(spec.engine, spec.engine_settings)) as engine:
         scenes = [apply(resolved.at(variant.assignment.values, 0), asset) for variant in variants]
         engine.background(scenes[0], view)
         engine.layer(scenes[0], view)
-        started = time.process_time() + getattr(engine, "cpu_seconds_elsewhere", 0.0)
+        started = time.process_time() + cpu_seconds_elsewhere(engine)
         for scene in scenes:
             engine.layer(scene, view)
-        return float(time.process_time() + getattr(engine, "cpu_seconds_elsewhere", 0.0) - started) / len(scenes)
-    finally:
-        engine.close()
+        return (time.process_time() + cpu_seconds_elsewhere(engine) - started) / len(scenes)
 
 
 def chosen_spec(resolved: ResolvedRun, variants: Sequence[MeasuredVariant]) -> RunSpec:

@@ -280,11 +280,7 @@ def serve(
 
     worker_process_init.connect(open_child, weak=False)
     ready = threading.Event()
-
-    def note_ready(**_: object) -> None:
-        ready.set()
-
-    worker_ready.connect(note_ready, weak=False)
+    worker_ready.connect(lambda **_: ready.set(), weak=False)
     presence.join(machine)
     try:
         app.worker_main(

@@ -75,15 +75,15 @@ def test_a_child_that_ends_or_talks_nonsense_is_replaced(tmp_path: Path, program
 
 def test_the_child_outlives_the_thread_whose_request_started_it(tmp_path: Path) -> None:
     """Linux tells a child of its parent's end when the *thread* ends that started it, and servers end idle threads."""
-    pictures = ({"pictures": [base64.b64encode(name).decode()]} for name in (b"first", b"second"))
+    pictures = ({"pictures": [name]} for name in ("first", "second"))
     tied = f"from valerie.parent import end_with_parent; end_with_parent(); {answering(*pictures)}"
     with closing(previews(tmp_path, tied)) as rendering:
-        shown: list[bytes | None] = []
+        shown: list[str | None] = []
         for _ in range(2):
             thread = Thread(target=lambda: shown.append(rendering.render(parse(spec("n")), [0]).variants[0].picture))
             thread.start()
             thread.join()
-    assert shown == [b"first", b"second"]
+    assert shown == ["first", "second"]
 
 
 def test_a_machine_without_an_engine_refuses_politely(tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_another_engine_renders_where_the_spec_s_is_missing_and_the_reason_is_pa
     program = answering({"error": "no Blender here", "engine_missing": True}, {"pictures": [PICTURE]})
     shown = previewed(tmp_path, program, "cycles")
     assert (shown.engine, shown.problem, shown.draft) == ("raster", "no Blender here", {})
-    assert [variant.picture for variant in shown.variants] == [b"picture"]
+    assert [variant.picture for variant in shown.variants] == [PICTURE]
 
 
 def test_another_engine_renders_where_the_spec_s_takes_too_long(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ sys.stdout.flush()
 sys.stdin.buffer.read()
 """
     shown = previewed(tmp_path, program, {"name": "cycles", "samples": 1024, "max_bounces": 3})
-    job = json.loads(shown.variants[0].picture or b"")
+    job = json.loads(base64.b64decode(shown.variants[0].picture or ""))
     assert job["renderer"] == shown.engine == "cycles"
     assert job["settings"] == {"max_bounces": 3, "samples": 8, "denoise": True}
     assert shown.problem is None

@@ -25,7 +25,7 @@ from valerie.db import frames, results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
-from valerie.pipeline.export.datasets import ExportProgress, export_run
+from valerie.pipeline.export.datasets import export_run
 from valerie.pipeline.export.export_plan import ExportSettings
 from valerie.pipeline.export.frame_files import Fragment
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
@@ -43,11 +43,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, str]:
 
 def test_a_whole_run_comes_back_exactly(run: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run_id = run
-    steps: list[ExportProgress] = []
-    exported = export_run(pipeline.context, run_id, tmp_path / "set", progress=steps.append)
+    steps: list[tuple[int, int, float, str]] = []
+    exported = export_run(pipeline.context, run_id, tmp_path / "set", progress=lambda *step: steps.append(step))
     assert exported.frames == {"val": 24}
     assert exported.left_out == 0
-    assert [step.done for step in steps] == list(range(1, 25))
+    assert [done for done, *_ in steps] == list(range(1, 25))
     exported_frames = CityscapesFolder(tmp_path / "set", "val")
     assert len(exported_frames) == 24
     name = FrameName.of("boxes-camera-2", 5, 0)
@@ -276,16 +276,16 @@ def test_shares_follow_the_splits() -> None:
 def test_an_interrupted_export_goes_on_and_is_never_half_there(run: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run_id = run
 
-    def stop_at_ten(now: ExportProgress) -> None:
-        if now.done == 10:
+    def stop_at_ten(done: int, *_: object) -> None:
+        if done == 10:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         export_run(pipeline.context, run_id, tmp_path / "set", progress=stop_at_ten)
     assert not (tmp_path / "set").exists()
-    steps: list[ExportProgress] = []
-    export_run(pipeline.context, run_id, tmp_path / "set", progress=steps.append)
-    assert steps[-1].resumed == 10
+    steps: list[tuple[int, int, float, str]] = []
+    export_run(pipeline.context, run_id, tmp_path / "set", progress=lambda *step: steps.append(step))
+    assert steps[-1][3] == "10 already there"
     whole = tmp_path / "whole"
     export_run(pipeline.context, run_id, whole)
     assert _files(tmp_path / "set") == _files(whole)
@@ -294,15 +294,15 @@ def test_an_interrupted_export_goes_on_and_is_never_half_there(run: tuple[Pipeli
 def test_another_request_starts_anew(run: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run_id = run
 
-    def stop(now: ExportProgress) -> None:
+    def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         export_run(pipeline.context, run_id, tmp_path / "set", progress=stop)
-    steps: list[ExportProgress] = []
+    steps: list[tuple[int, int, float, str]] = []
     settings = ExportSettings(where="camera == 'camera-1'")
-    export_run(pipeline.context, run_id, tmp_path / "set", settings, progress=steps.append)
-    assert steps[-1].resumed == 0
+    export_run(pipeline.context, run_id, tmp_path / "set", settings, progress=lambda *step: steps.append(step))
+    assert steps[-1][3] == ""
     assert len(CityscapesFolder(tmp_path / "set", "val")) == 12
 
 

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from tests.world.blank import SMALL, Pipeline
+from valerie.db import functions
 from valerie.db.engine import reading, writing
+from valerie.db.functions import FunctionRow
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument, parse_function
 from valerie.perception.running.engine_function import EngineFunction
@@ -44,12 +46,12 @@ def served(pipeline: Pipeline, engine_offer: AnyOffer) -> Pipeline:
     return pipeline
 
 
-def register(pipeline: Pipeline, folder: Path, **entries: Any) -> registry.Registered:
+def register(pipeline: Pipeline, folder: Path, **entries: Any) -> FunctionRow:
     document, payload = small_onnx(folder, engine="onnxruntime", **entries)
     return registry.register(pipeline.context, document, payload)[0]
 
 
-def found(pipeline: Pipeline, reference: str) -> registry.Registered:
+def found(pipeline: Pipeline, reference: str) -> FunctionRow:
     with reading(pipeline.context.engine) as connection:
         return registry.find(connection, reference)
 
@@ -74,7 +76,7 @@ class TestTheRegistry:
         ):
             register(pipeline, tmp_path, output=mute)
         with reading(pipeline.context.engine) as connection:
-            assert registry.listed(connection) == []
+            assert functions.every(connection) == []
 
     def test_another_document_is_the_next_version_and_both_stay(self, pipeline: Pipeline, tmp_path: Path) -> None:
         first = register(pipeline, tmp_path)
@@ -178,7 +180,7 @@ class TestARun:
         with pytest.raises(Conflict, match=run):
             registry.remove(pipeline.context, version.reference)
         with writing(pipeline.context.engine) as connection:  # as when both happened at the same time
-            registry.functions.remove(connection, "small", version.digest)
+            functions.remove(connection, "small", version.digest)
         assert pipeline.run(run) == "failed"
         assert "unknown registered function 'small'" in pipeline.row(run).reason
 

@@ -9,7 +9,7 @@ from tests.world.boxes import spec
 from valerie.db import frames
 from valerie.db.engine import reading
 from valerie.labels import PERSON
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.runs.products.frame_keys import FrameKey
 
@@ -28,7 +28,7 @@ def test_a_close_up_shows_the_person_with_a_margin_and_what_was_found(pipeline: 
     columns = np.flatnonzero((truth.instance_map == 24001).any(axis=0))
     source = find_picture(pipeline.context, key, kind="errors")
     assert source.prediction is not None
-    near = paint_close_up(pipeline.context, source, 24001)
+    near = paint_picture(pipeline.context, source, person=24001)
     margin = max(36, len(columns)) // 2  # the person is as high as the picture
     window = slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1)
     picture = paint_picture(pipeline.context, find_picture(pipeline.context, key, kind="picture"))[:, window]
@@ -51,5 +51,5 @@ def test_a_person_who_is_not_seen_leaves_the_whole_frame(pipeline: Pipeline) -> 
     pipeline.run(key.run_id)
     source = find_picture(pipeline.context, key, kind="errors")
     height, width = paint_picture(pipeline.context, source).shape[:2]
-    near = paint_close_up(pipeline.context, source, 24999)
+    near = paint_picture(pipeline.context, source, person=24999)
     assert near.shape == (FACTOR * height, 2 * FACTOR * width + 6, 3)

@@ -12,7 +12,6 @@ from valerie.errors import Conflict, InvalidInput
 from valerie.labels import PERSON, VOID
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.pipeline.retraining.comparison import Grouping, compare_on_run
-from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.testing.blank import NUMERIC_CLASS, BlankFunction
 
 
@@ -110,10 +109,12 @@ def test_versions_have_names_of_their_own(run: tuple[Pipeline, str]) -> None:
 
 def test_versions_of_unequal_numeric_classes_are_not_compared(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    looked: list[EvaluationProgress] = []
+    looked: list[str] = []
     versions = ["blank", "same.safetensors", "halved.safetensors"]
     with pytest.raises(Conflict, match="blank ran as blank; same runs here as blank; halved runs here as blank-bf16"):
-        compare_on_run(pipeline.context, run_id, versions, open_function=opener, progress=looked.append)
+        compare_on_run(
+            pipeline.context, run_id, versions, open_function=opener, progress=lambda *step: looked.append(step[3])
+        )
     assert looked == [], "it is told before hours of work"
 
 

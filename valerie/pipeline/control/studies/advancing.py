@@ -18,7 +18,7 @@ from valerie.db import runs, studies
 from valerie.db.engine import database_moment, reading, writing
 from valerie.db.runs import RunRow
 from valerie.db.studies import BatchRow, StudyRow, StudyValues
-from valerie.errors import NotFound, QuotaExceeded, TransientError, ValerieError
+from valerie.errors import QuotaExceeded, TransientError, ValerieError
 from valerie.parameters.assignment import digest
 from valerie.parameters.samplers import UnitPoints
 from valerie.pipeline.base.context import Context
@@ -124,10 +124,7 @@ class StudyKeeper:
         """Store the outcomes of a batch if its run has ended; return True if it has."""
         assert batch.run_id is not None, "a submitted batch"
         with reading(self._context.engine) as connection:
-            try:
-                run = runs.get(connection, batch.run_id)
-            except NotFound:
-                run = None
+            run = runs.find(connection, batch.run_id)
         if run is None or run.state in (RunState.CANCELLED, RunState.FAILED):
             ending = "was deleted" if run is None else f"is {run.state}" + (f": {run.reason}" if run.reason else "")
             self._change(
@@ -207,10 +204,6 @@ class StudyKeeper:
             basis=basis_digest(study, basis),
             based_on=len(basis),
             accepted_at=None if study.by_hand and len(points) else now,
-            run_id=None,
-            retries=0,
-            outcomes=None,
-            cpu_seconds=None,
         )
         result = self._pursuits[study.id].result()
         with writing(self._context.engine) as connection:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Final
 
 import numpy as np
 
 from valerie.db import runs, studies
 from valerie.db.engine import database_moment, reading, writing
 from valerie.db.studies import BatchRow, StudyRow
-from valerie.errors import Conflict, InvalidInput, NotFound
+from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.planning import plan_run
@@ -22,13 +21,9 @@ from valerie.pipeline.control.submit import new_id
 from valerie.runs.forecasting.plan import Plan
 from valerie.runs.moments import moment_text
 from valerie.runs.products.states import RunState
-from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import StudyDocument, StudyState
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.reasons import reason_text
-
-#: States of runs that can be cancelled with their study.
-_ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +36,7 @@ class NextBatch:
         legal, rejected: numbers of variants.
         accepted: False while it waits for a person.
         run_id: id of its run; None before it starts.
-        spec: spec of its run.
+        spec: spec of its run, as YAML.
         plan: size and cost of its run.
     """
 
@@ -51,7 +46,7 @@ class NextBatch:
     rejected: int
     accepted: bool
     run_id: str | None
-    spec: RunSpec
+    spec: str
     plan: Plan
 
 
@@ -74,7 +69,7 @@ def plan_study(context: Context, document: StudyDocument, *, project: str = "") 
         len(proposal) - legal,
         False,
         None,
-        spec,
+        spec.to_yaml(),
         plan,
     )
 
@@ -151,7 +146,7 @@ def next_batch(context: Context, study_id: str) -> NextBatch:
         len(batch.rejected),
         batch.accepted_at is not None,
         batch.run_id,
-        spec,
+        spec.to_yaml(),
         plan_run(context, spec, notes=pursuit.study.run.notes),
     )
 
@@ -195,7 +190,7 @@ def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
 
 
 def set_mode(context: Context, study_id: str, *, by_hand: bool) -> None:
-    """Set whether a person accepts each batch. In automatic mode, a waiting proposal is accepted at once.
+    """Let a person accept each batch, or accept them automatically, a waiting proposal at once.
 
     Raises:
         NotFound, Conflict: no such study, or it has ended.
@@ -229,7 +224,7 @@ def stop(context: Context, study_id: str) -> None:
             finished_at=database_moment(connection),
         )
     for run_id in _open_runs(batches):
-        if _state(context, run_id) in _ACTIVE:
+        if _state(context, run_id) in lifecycle.CANCELLABLE:
             lifecycle.cancel(context, run_id)
 
 
@@ -284,7 +279,5 @@ def _open_runs(batches: list[BatchRow]) -> list[str]:
 
 def _state(context: Context, run_id: str) -> RunState | None:
     with reading(context.engine) as connection:
-        try:
-            return runs.get(connection, run_id).state
-        except NotFound:
-            return None
+        run = runs.find(connection, run_id)
+    return None if run is None else run.state

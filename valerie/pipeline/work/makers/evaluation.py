@@ -13,10 +13,10 @@ from valerie.errors import InferenceError
 from valerie.metrics.scoring import score_frame
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import pinned_card
+from valerie.pipeline.base.resolved_runs import started_run
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.product_reader import ProductReader
-from valerie.pipeline.reading.run_cache import RunCache
 from valerie.rendering.base import GroundTruth
 from valerie.storage import codecs
 
@@ -26,7 +26,6 @@ class EvaluateMaker:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
 
     def make(self, job: Job) -> Finished:
@@ -34,7 +33,7 @@ class EvaluateMaker:
         started = time.process_time()
         if job.look is None:
             raise InferenceError(f"product {job.digest} is not an evaluation")
-        run = self._runs.run(job.frame.key.run_id)
+        run = started_run(self._context, job.frame.key.run_id)
         resolved = run.resolved
         card = pinned_card(run.pins, resolved.spec.functions[job.look.function])
         capture = capture_of(resolved, job.frame, job.look.sensor)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Final, NamedTuple
 
 import psutil
@@ -16,11 +17,11 @@ from valerie.errors import InferenceError, ValerieError
 from valerie.measures import Measures
 from valerie.perception.running.batches import require_size
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import started_run
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.product_reader import ProductReader
-from valerie.pipeline.reading.run_cache import RunCache
 from valerie.runs.products.pins import FunctionPin
 from valerie.sensing.picture_levels import picture_levels
 from valerie.storage import codecs
@@ -47,7 +48,6 @@ class InferMaker:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
         self._source = FunctionLoader(context)
         self._settings = context.settings
@@ -83,7 +83,7 @@ class InferMaker:
     def _predict(self, job: Job) -> Predicted:
         """Predict one picture together with some of the next ones."""
         started = time.process_time()
-        run, look = self._runs.run(job.frame.key.run_id), _look(job)
+        run, look = started_run(self._context, job.frame.key.run_id), _look(job)
         name = run.resolved.spec.functions[look.function]
         function = self._function(name, run.pins.at(job.frame.assignment).functions[name])
         pictures = {job.digest: self._picture(job)}
@@ -105,10 +105,8 @@ class InferMaker:
         """Predict all pictures, or only the first if they fail together, so that no picture harms another."""
         predictions = None
         if len(pictures) > 1:
-            try:
+            with suppress(Exception):  # a plug-in may raise anything, and each picture must fail alone
                 predictions = function.predict_many(pictures)
-            except Exception:  # a plug-in may raise anything, and each picture must fail alone
-                predictions = None
         if predictions is None:
             predictions = [function.predict(pictures[0])]
         for prediction in predictions:
@@ -134,7 +132,7 @@ class InferMaker:
 
     def _picture(self, job: Job) -> NDArray[uint8]:
         """Return the picture that the function sees."""
-        resolved = self._runs.run(job.frame.key.run_id).resolved
+        resolved = started_run(self._context, job.frame.key.run_id).resolved
         look = _look(job)
         capture = capture_of(resolved, job.frame, look.sensor)
         return capture.empty_picture(self._reader) if job.digest == look.empty else capture.picture(self._reader)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 from valerie import plugins
 from valerie.db.claiming import Job
@@ -15,9 +16,10 @@ from valerie.errors import RenderingError, TransientError
 from valerie.parameters.assignment import canonical_json
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import started_run
+from valerie.pipeline.reading.asset_cache import AssetCache
 from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
 from valerie.pipeline.reading.product_reader import ProductReader
-from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.work.makers.annotations import SeenScene, annotate, lit_persons
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, Renderer, View
@@ -27,6 +29,8 @@ from valerie.rendering.truth import TruthMaker
 from valerie.runs.products.states import ProductKind
 from valerie.runs.resolving.sensors import focal_length_mm, rolling_shutter
 from valerie.runs.resolving.spec import ResolvedRun
+from valerie.scene.assets.asset import SceneAsset
+from valerie.scene.graph.model import Scene
 from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import read_lines
 from valerie.storage import codecs
@@ -37,7 +41,40 @@ from valerie.storage.store import ArtifactStore
 #: Number of truths of statics whose digests are cached, as many as in the truth pass.
 _KEPT_STATICS: Final = 4
 
-_ANNOTATIONS: Final = frozenset(ProductKind(kind) for kind in AnnotationKind)
+
+#: Kinds of products that the spec's engine renders.
+_BY_ENGINE: Final = frozenset({ProductKind.BACKGROUND, ProductKind.LAYER, ProductKind.SCAN})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Subject:
+    """The frame of a job: its run, its scene and its camera."""
+
+    job: Job
+    resolved: ResolvedRun
+    asset: SceneAsset
+    scene: Scene
+    view: View
+
+    @classmethod
+    def of(cls, job: Job, resolved: ResolvedRun, asset: SceneAsset) -> _Subject:
+        key, size = job.frame.key, resolved.spec.resolution
+        scene = apply(resolved.at(job.frame.assignment, key.time), asset)
+        return cls(job, resolved, asset, scene, View(resolved.cameras[key.camera], size.width, size.height))
+
+    def near(self, seconds: float) -> Scene:
+        """Return the scene a number of seconds after the frame."""
+        frame = self.job.frame
+        return apply(self.resolved.near(frame.assignment, frame.key.time, seconds), self.asset)
+
+
+class _Made(NamedTuple):
+    """The object of a product, empty if it has none, and the rows that describe it."""
+
+    data: bytes
+    views: tuple[SeenPerson, ...] = ()
+    lights: tuple[MeasuredPerson, ...] = ()
+    part: SharedStatics | None = None
 
 
 class RenderMaker:
@@ -45,7 +82,7 @@ class RenderMaker:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._runs = RunCache(context)
+        self._assets = AssetCache(context.settings)
         self._reader = ProductReader(context.store)
         self._engines: dict[tuple[str, bytes], Renderer] = {}
         self._truth: TruthMaker | None = None
@@ -53,79 +90,67 @@ class RenderMaker:
 
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.work.stages.Maker`."""
-        started, elsewhere, engine = time.process_time(), 0.0, None
-        key, assignment = job.frame.key, job.frame.assignment
-        run = self._runs.run(key.run_id)
-        resolved, pins = run.resolved, run.pins.at(assignment)
-        asset = self._runs.asset(run)
-        scene = apply(resolved.at(assignment, key.time), asset)
-        resolution = resolved.spec.resolution
-        view = View(resolved.cameras[key.camera], resolution.width, resolution.height)
-        views: tuple[SeenPerson, ...] = ()
-        part: SharedStatics | None = None
-        lights: tuple[MeasuredPerson, ...] = ()
-        data = b""
-        if job.kind is ProductKind.TRUTH:
-            from valerie.rendering.visibility import measure
-
-            truth_pass = self._truth_pass(pins.truth.numeric_class)
-            statics, layer = truth_pass.parts(scene, view)
-            truth = layer.over(statics)
-            views = tuple(map(seen_person, measure(truth, scene, view))) or (NO_PERSON,)
-            part = self._statics.stored(statics, again=job.attempts > 1)
-            data = codecs.encode_truth_layer(layer, part.digest)
-        elif job.kind is ProductKind.LIGHT:
-            light = self._light_pass(pins.truth.numeric_class)
-            lights = lit_persons(job, scene, view, reader=self._reader, light=light)
-        elif job.kind is ProductKind.SCAN:
-            engine = self._engine(resolved, pins.engine.numeric_class)
-            elsewhere = _cpu_seconds_elsewhere(engine)
-            shutter = rolling_shutter(resolved.spec.sensors, assignment)
-            if shutter is None:
-                raise RenderingError(f"product {job.digest}: no sensor of the frame has a rolling shutter")
-            camera = focal_length_mm(resolved.manifest, view.camera, resolved.at(assignment, key.time))
-            products = job.frame.products
-            frame_scan = scan(
-                engine,
-                self._truth_pass(pins.truth.numeric_class),
-                lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
-                view,
-                (self._reader.frame(products), self._reader.truth(products.truth)),
-                Readout(
-                    read_lines(shutter.setting, view.width, view.height, camera),
-                    shutter.setting.shutter.line_time_us * 1e-6,
-                    shutter.blurs,
-                ),
-            )
-            data = encode_annotation(AnnotationKind.SCAN, frame_scan)
-        elif job.kind in _ANNOTATIONS:
-            truth_pass = self._truth_pass(pins.truth.numeric_class)
-            kind = AnnotationKind(job.kind)
-            subject = SeenScene(
-                scene,
-                view,
-                later=lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
-                step=resolved.times.step or 0.0,
-            )
-            data = annotate(kind, subject, lambda: self._reader.truth(job.frame.products.truth), truth_pass)
-        else:
-            engine = self._engine(resolved, pins.engine.numeric_class)
-            elsewhere = _cpu_seconds_elsewhere(engine)
-            if job.kind is ProductKind.BACKGROUND:
-                data = codecs.encode_image(engine.background(scene, view))
-            else:
-                data = codecs.encode_layer(engine.layer(scene, view))
-        if data:
-            self._context.store.put(product_key(job.kind, job.digest), data)
+        started = time.process_time()
+        run = started_run(self._context, job.frame.key.run_id)
+        pins = run.pins.at(job.frame.assignment)
+        subject = _Subject.of(job, run.resolved, self._assets.of(run))
+        engine = self._engine(run.resolved, pins.engine.numeric_class) if job.kind in _BY_ENGINE else None
+        elsewhere = cpu_seconds_elsewhere(engine)
+        made = self._made(subject, engine, pins.truth.numeric_class)
+        if made.data:
+            self._context.store.put(product_key(job.kind, job.digest), made.data)
         return Finished(
             digest=job.digest,
-            bytes=len(data),
-            pixels=view.width * view.height,
-            cpu_seconds=time.process_time() - started + _cpu_seconds_elsewhere(engine) - elsewhere,
-            person_views=views,
-            part=part,
-            person_lights=lights,
+            bytes=len(made.data),
+            pixels=subject.view.width * subject.view.height,
+            cpu_seconds=time.process_time() - started + cpu_seconds_elsewhere(engine) - elsewhere,
+            person_views=made.views,
+            part=made.part,
+            person_lights=made.lights,
         )
+
+    def _made(self, subject: _Subject, engine: Renderer | None, truth_class: str) -> _Made:
+        """Make a product: by the spec's engine, if it is given, or by the passes of the truth's numeric class."""
+        job, scene, view = subject.job, subject.scene, subject.view
+        if engine is not None:
+            if job.kind is ProductKind.BACKGROUND:
+                return _Made(codecs.encode_image(engine.background(scene, view)))
+            if job.kind is ProductKind.LAYER:
+                return _Made(codecs.encode_layer(engine.layer(scene, view)))
+            return _Made(self._scan(subject, engine, self._truth_pass(truth_class)))
+        if job.kind is ProductKind.LIGHT:
+            light = self._light_pass(truth_class)
+            return _Made(b"", lights=lit_persons(job, scene, view, reader=self._reader, light=light))
+        truth_pass = self._truth_pass(truth_class)
+        if job.kind is ProductKind.TRUTH:
+            return self._truth_of(subject, truth_pass)
+        seen = SeenScene(scene, view, later=subject.near, step=subject.resolved.times.step or 0.0)
+        kind, truth = AnnotationKind(job.kind), job.frame.products.truth
+        return _Made(annotate(kind, seen, lambda: self._reader.truth(truth), truth_pass))
+
+    def _truth_of(self, subject: _Subject, truth_pass: TruthMaker) -> _Made:
+        """Make a truth: it is stored as a layer over the truth of its statics."""
+        from valerie.rendering.visibility import measure
+
+        statics, layer = truth_pass.parts(subject.scene, subject.view)
+        persons = measure(layer.over(statics), subject.scene, subject.view)
+        part = self._statics.stored(statics, again=subject.job.attempts > 1)
+        views = tuple(map(seen_person, persons)) or (NO_PERSON,)
+        return _Made(codecs.encode_truth_layer(layer, part.digest), views, part=part)
+
+    def _scan(self, subject: _Subject, engine: Renderer, truth_pass: TruthMaker) -> bytes:
+        """Return the frame line by line, as the rolling shutter of the run's sensors reads it."""
+        job, resolved, view = subject.job, subject.resolved, subject.view
+        assignment, products = job.frame.assignment, job.frame.products
+        shutter = rolling_shutter(resolved.spec.sensors, assignment)
+        if shutter is None:
+            raise RenderingError(f"product {job.digest}: no sensor of the frame has a rolling shutter")
+        focal_length = focal_length_mm(resolved.manifest, view.camera, resolved.at(assignment, job.frame.key.time))
+        lines = read_lines(shutter.setting, view.width, view.height, focal_length)
+        readout = Readout(lines, shutter.setting.shutter.line_time_us * 1e-6, shutter.blurs)
+        frame = self._reader.frame(products), self._reader.truth(products.truth)
+        scanned = scan(engine, truth_pass, subject.near, view, frame, readout)
+        return encode_annotation(AnnotationKind.SCAN, scanned)
 
     def _engine(self, resolved: ResolvedRun, numeric_class: str) -> Renderer:
         engine = self._opened(resolved.spec.engine, resolved.spec.engine_settings, resolved.engine_inputs)
@@ -176,7 +201,7 @@ class _Statics:
         return SharedStatics(digest, self._store.head(key).size, statics.class_map.size)
 
 
-def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:
+def cpu_seconds_elsewhere(engine: Renderer | None) -> float:
     """Return the CPU seconds that an engine has used in other processes so far; see `valerie.rendering.base.Renderer`."""
     return float(getattr(engine, "cpu_seconds_elsewhere", 0.0))
 
