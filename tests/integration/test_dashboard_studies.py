@@ -98,7 +98,7 @@ def test_a_batch_is_accepted_with_another_size_and_its_outcomes_are_counted(
     page.wait_for_selector(".proposal", state="detached")
     page.click("button:text-is('Stop')")
     page.click("text=Stop the study")
-    page.wait_for_selector(".note:has-text('a person ended it')")
+    page.wait_for_selector(".note:has-text('stopped by hand')")
     assert page.locator("button:text-is('Stop'), .segments").count() == 0
     assert page.locator(f"a[href='#/runs/{run}']").is_visible()
 

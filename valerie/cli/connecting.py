@@ -49,7 +49,8 @@ def client_of(settings: Settings, url: str | None = None) -> Client:
     if url is None:
         server = running.find(settings.data_dir)
         explicit = settings.model_fields_set
-        if server is None and "data_dir" in explicit and explicit.isdisjoint(("api_host", "api_port")):
+        of_folder = "data_dir" in explicit and explicit.isdisjoint(("api_host", "api_port"))
+        if server is None and (of_folder or settings.api_port == 0):
             # The server at the configured address may belong to another folder.
             folder = settings.data_dir
             problem = f"on the data folder {folder}" if folder.exists() else f"on {folder}, which does not exist"

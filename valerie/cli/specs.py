@@ -210,7 +210,11 @@ def _variants(plan: Plan) -> Table:
     from rich.text import Text
 
     table = Table.grid(padding=(0, 2))
+    before = -1
     for variant in (*plan.first, *(v for v in plan.last if v not in plan.first)):
+        if variant.index > before + 1:
+            table.add_row("  …")
+        before = variant.index
         parts = [f"{name} {number_text(value)}{_unit(plan, name)}" for name, value in variant.values.items()]
         if variant.sun is not None:
             parts.append(f"sun at {variant.sun[0]:.1f}°, {variant.sun[1]:.1f}° above the horizon")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +24,7 @@ from valerie.cli.shell import (
     write_output,
     write_template,
 )
-from valerie.errors import InvalidInput
+from valerie.errors import InvalidInput, NotFound, UnknownName
 from valerie.local.deployment import settings_of
 from valerie.local.spec_files import read_spec
 from valerie.local.terminal import command_name, console
@@ -31,6 +32,7 @@ from valerie.local.terminal import command_name, console
 if TYPE_CHECKING:
     from valerie.answers import NextBatch, Study
     from valerie.cli.connecting import System
+    from valerie.runs.study.study_document import Budget
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -84,18 +86,21 @@ def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: Da
     if isinstance(document.goal, CascadeGoal):
         typer.echo("\nbatches by the costly engine cost more: each is priced when it is proposed")
     else:
-        _show_budget(batch, document.budget.variants)
+        _show_budget(batch, document.budget)
 
 
-def _show_budget(first: NextBatch, variants: int) -> None:
-    """Print the price of a study that spends its variants, from that of its first batch."""
+def _show_budget(first: NextBatch, budget: Budget) -> None:
+    """Print the price of a study that spends its variants, from that of its first batch, and a warning if it is too high."""
     from valerie.runs.forecasting.plan import Plan
     from valerie.runs.moments import duration
 
     plan = Plan.model_validate(first.plan)
     each = (plan.cpu_seconds - plan.start_cpu_seconds) / first.legal
-    whole = duration(plan.start_cpu_seconds + each * variants)
-    typer.echo(f"\nthe budget of {variants:,} variants: about {whole} of CPU time at this price")
+    seconds = plan.start_cpu_seconds + each * budget.variants
+    typer.echo(f"\nthe budget of {budget.variants:,} variants: about {duration(seconds)} of CPU time at this price")
+    if budget.cpu_hours is not None and seconds > 3600 * budget.cpu_hours:
+        within = max(int((3600 * budget.cpu_hours - plan.start_cpu_seconds) / each), 0)
+        typer.echo(f"warning: budget.cpu_hours: {budget.cpu_hours:g} hours pay for about {within:,} variants")
 
 
 @app.command()
@@ -133,6 +138,8 @@ def run(
     settings = settings_of(data_dir)
     known = None if file.exists() or str(file) == "-" else str(file)
     text = b"" if known else read_spec(file)
+    if known:
+        _check_stored(known, data_dir)
     if not known:
         document = parse_study(text)
         if by_hand:  # in the document, so that no batch starts before it is said
@@ -152,7 +159,7 @@ def run(
         try:
             study = follow_study(system, study.id, quiet=as_json)
         except Stopped:
-            say(f"\nstudy {study.id} is interrupted; continue it with: {command_name()} study run {study.id}")
+            say(f"\nstudy {study.id} is interrupted; {_continued(study.id)}")
             raise
         path = report or report_path(settings, study.name, study.id)
         page = client.study_report(study.id)
@@ -160,6 +167,21 @@ def run(
     _show(study, as_json=as_json)
     if study.state != "finished":
         raise typer.Exit(Exit.NOT_COMPLETED)
+
+
+def _check_stored(name: str, data_dir: Path | None) -> None:
+    """Refuse what is neither a file nor a study, before anything is started."""
+    from valerie.cli.connecting import source_of
+
+    try:
+        with source_of(data_dir, None) as source:
+            source.study(name)
+    except NotFound:
+        raise InvalidInput("neither a file nor the id of a study", field="FILE", value=name) from None
+
+
+def _continued(study_id: str) -> str:
+    return f"continue it with: {command_name()} study run {study_id}"
 
 
 def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, data_dir: Path | None) -> None:
@@ -222,10 +244,20 @@ def status(
 ) -> None:
     """Show the latest studies, or one with its batches, its cost and its result so far. Needs no server."""
     from valerie.cli.connecting import source_of
+    from valerie.local.display import progress_line
+    from valerie.local.folder import Folder
+    from valerie.runs.study.study_document import StudyState
 
     with source_of(data_dir, url) as source:
         if study_id is not None:
-            _show(source.study(study_id), as_json=as_json)
+            study = source.study(study_id)
+            _show(study, as_json=as_json)
+            if as_json or study.state != StudyState.RUNNING:
+                return
+            for number, run_id in _open_runs(study):
+                typer.echo(progress_line(f"batch {number}", source.progress(run_id)))
+            if isinstance(source, Folder):
+                say(f"no server runs on the data folder, so the study waits; {_continued(study.id)}")
             return
         listed = list(source.studies())
     if as_json:
@@ -272,17 +304,18 @@ def accept(study_id: StudyId, count: Count = None, url: Url = None, data_dir: Da
 @app.command()
 def mode(
     study_id: StudyId,
-    how: Annotated[str, typer.Argument(metavar="MODE", help="automatic, or by-hand.")],
+    how: Annotated[str, typer.Argument(metavar="MODE", help="automatic, or by-hand, as `mode` in the document.")],
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
     """Let a study run by itself, or ask before each batch."""
     from valerie.cli.connecting import client_at
 
-    if how not in ("automatic", "by-hand"):
-        raise InvalidInput("no such mode", field="MODE", value=how, limit="automatic, by-hand")
+    by_hand = how.replace(" ", "-") == "by-hand"
+    if not by_hand and how != "automatic":
+        raise UnknownName("mode", how, ("automatic", "by-hand"), field="MODE")
     with client_at(url, data_dir) as client:
-        _say(client.set_study_mode(study_id, by_hand=how == "by-hand"))
+        _say(client.set_study_mode(study_id, by_hand=by_hand))
 
 
 @app.command()
@@ -320,33 +353,45 @@ def report(
 
 
 def follow_study(system: System, study_id: str, *, quiet: bool) -> Study:
-    """Print the steps of a study until it ends or is paused."""
+    """Print the steps of a study, and the progress of its oldest open batch, until it ends or is paused."""
+    from valerie.local.display import Display, display_of
     from valerie.runs.study.study_document import StudyState
 
     printed: set[str] = set()
+    display: tuple[str, Display] | None = None
 
     def tell(line: str) -> None:
         if line not in printed and not quiet:
             say(line)
         printed.add(line)
 
-    while True:
-        system.check()
-        study = system.client.study(study_id)
-        for batch in study.batches:
-            where = f" in run {batch.run_id}" if batch.run_id else ""
-            tell(f"batch {batch.number + 1}: {batch.reason}")
-            if batch.run_id:
-                tell(f"batch {batch.number + 1}: {batch.legal} variants{where}")
-            if batch.outcomes is not None and study.result is not None:
-                for sentence in study.result.sentences[:1]:
-                    tell(f"  {sentence}")
-        if study.reason and study.state == StudyState.RUNNING:
-            proposed = any(batch.accepted_at is None for batch in study.batches)
-            tell(study.reason + (f": {command_name()} study accept {study_id}" if proposed else ""))
-        if study.state != StudyState.RUNNING:
-            return study
-        time.sleep(_POLL_SECONDS)
+    with ExitStack() as shown:
+        while True:
+            system.check()
+            study = system.client.study(study_id)
+            for batch in study.batches:
+                tell(f"batch {batch.number + 1}: {batch.reason}")
+                if batch.run_id:
+                    tell(f"batch {batch.number + 1}: {batch.legal} variants in run {batch.run_id}")
+                if batch.outcomes is not None and study.result is not None:
+                    for sentence in study.result.sentences[:1]:
+                        tell(f"  {sentence}")
+            if study.reason and study.state == StudyState.RUNNING:
+                proposed = any(batch.accepted_at is None for batch in study.batches)
+                tell(study.reason + (f": {command_name()} study accept {study_id}" if proposed else ""))
+            if study.state != StudyState.RUNNING:
+                return study
+            for number, run_id in () if quiet else _open_runs(study)[:1]:
+                if display is None or display[0] != run_id:
+                    shown.close()
+                    display = run_id, shown.enter_context(display_of(f"batch {number}", run_id, json_lines=False))
+                display[1].update(system.client.progress(run_id))
+            time.sleep(_POLL_SECONDS)
+
+
+def _open_runs(study: Study) -> list[tuple[int, str]]:
+    """Return number, from 1, and run of each batch that is in work, oldest first."""
+    return [(batch.number + 1, batch.run_id) for batch in study.batches if batch.run_id and batch.outcomes is None]
 
 
 def _show(study: Study, *, as_json: bool) -> None:
@@ -384,7 +429,8 @@ def _show_next(batch: NextBatch, *, as_json: bool) -> None:
     from valerie.runs.forecasting.plan import Plan
 
     rejections = f", {batch.rejected} rejected" if batch.rejected else ""
-    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejections}.\n")
+    where = f", in work as run {batch.run_id}" if batch.run_id else ""
+    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejections}{where}.\n")
     show_plan(Plan.model_validate(batch.plan))
 
 

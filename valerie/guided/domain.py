@@ -18,13 +18,15 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.blocks import Variation
 from valerie.parameters.definitions import TURN, ParameterDefinition, ParameterType, Value
 from valerie.parameters.distributions import Choice, Constant, Homogeneous
+from valerie.parameters.quantities import to_unit
 from valerie.parameters.samplers import UnitPoints
 
 #: Smallest share of legal points in a domain; it bounds the number of attempts for each draw.
 LEAST_LEGAL: Final = 1e-4
 _TRIES: Final = 1000
 _TURN_RADIANS: Final = 2 * math.pi
-_BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
+#: Largest quantile.
+BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
 
 
 class Axis(StrEnum):
@@ -154,7 +156,7 @@ class Domain(Cube):
         definition, distribution = self.definitions[dimension], self.variations[dimension].distribution
         if definition.type is not ParameterType.ANGLE or self.axes[dimension] is Axis.UNORDERED:
             return False
-        first, last = (float(distribution.quantile(u, definition)) for u in (0.0, _BELOW_ONE))
+        first, last = (float(distribution.quantile(u, definition)) for u in (0.0, BELOW_ONE))
         step = distribution.step if isinstance(distribution, Homogeneous) else 0.0
         return abs(math.remainder(first - last - step, TURN)) < 1e-6
 
@@ -188,19 +190,28 @@ class Domain(Cube):
         return [dict(zip(paths, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def point(self, values: Mapping[str, Value]) -> UnitPoints:
-        """Return the point, (dimensions,) in [0, 1), of values by path or name.
+        """Return the point, (dimensions,) in [0, 1), of values by path or name; a number may have a unit.
 
         A value that many points share gets their midpoint.
 
         Raises:
-            InvalidInput: a parameter has no value, or its distribution does not have this value.
+            InvalidInput, UnknownName: a varied parameter has no value, another one has, or its distribution does not have
+                this value.
         """
+        keys = {key for definition in self.definitions for key in (definition.path, definition.name)}
+        for name in values:
+            if name not in keys:
+                raise UnknownName("varied parameter", name, keys, field=name)
         quantiles = []
         for definition, variation in zip(self.definitions, self.variations, strict=True):
             name = definition.path if definition.path in values else definition.name
             if name not in values:
-                raise InvalidInput("the parameter has no value", field=definition.name)
-            quantiles.append(variation.distribution.unit(values[name], definition))
+                refusal = "the parameter has no value, and a point needs those of all varied ones"
+                raise InvalidInput(refusal, field=definition.name)
+            value = values[name]
+            if definition.is_number and isinstance(value, str):
+                value = to_unit(value, definition.unit, field=definition.name).number
+            quantiles.append(variation.distribution.unit(value, definition))
         return _inside(np.array(quantiles))
 
     def snapped(self, points: UnitPoints) -> UnitPoints:
@@ -220,7 +231,7 @@ class Domain(Cube):
 
 
 def _inside(points: UnitPoints) -> UnitPoints:
-    return np.clip(points, 0.0, _BELOW_ONE)
+    return np.clip(points, 0.0, BELOW_ONE)
 
 
 def shown(value: Value) -> str:

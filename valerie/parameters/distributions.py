@@ -197,7 +197,7 @@ class Gaussian(_Distribution):
         low, high = self._support(definition)
         number = _number(value, definition, low)
         if not low <= number <= high:
-            raise _not_a_value(value, definition)
+            raise _not_a_value(value, definition, f"{low:g}…{high:g}")
         sign, share_low, share_high = _truncation(self.mean, self.standard_deviation, low, high)
         # An INT takes the middle of the share that rounds to it.
         half = 0.5 if definition.type is ParameterType.INT else 0.0
@@ -266,7 +266,7 @@ class Uniform(_Distribution):
         low, high = self._ends(definition)
         number = _number(value, definition, low)
         if not low <= number <= high:
-            raise _not_a_value(value, definition)
+            raise _not_a_value(value, definition, f"{low:g}…{high:g}")
         if definition.type is ParameterType.INT:
             first, last = math.ceil(low), math.floor(high)
             return (number - first + 0.5) / (last - first + 1)
@@ -357,8 +357,8 @@ def _number(value: Value, definition: ParameterDefinition, start: float) -> floa
     return wrap(number, start) if definition.type is ParameterType.ANGLE else number
 
 
-def _not_a_value(value: Value, definition: ParameterDefinition) -> InvalidInput:
-    return InvalidInput("the distribution does not have this value", field=definition.name, value=value)
+def _not_a_value(value: Value, definition: ParameterDefinition, limit: str | None = None) -> InvalidInput:
+    return InvalidInput("the distribution does not have this value", field=definition.name, value=value, limit=limit)
 
 
 def _decimal(number: float) -> Decimal:

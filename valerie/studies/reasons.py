@@ -102,10 +102,10 @@ def _known(numbers: _Numbers) -> str:
 
 
 def _first(numbers: _Numbers, *, modelled: bool) -> str:
-    rest = "still too few for a model" if not modelled else f"the model needs the first {numbers['first']:,}"
+    model = f"which starts after the first {numbers['first']:,}" if modelled else "which still lacks scores"
     return (
-        f"{_known(numbers)} How often variants fail is open, and {rest}. "
-        f"{_points(numbers)} as they occur in operation estimate the rate without any model."
+        f"{_known(numbers)} It is open how often variants fail. "
+        f"{_points(numbers)} as they occur in operation estimate it without a model, {model}."
     )
 
 

@@ -140,7 +140,8 @@ def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
         try:
             reason = resolved.rejection(domain.point(values))
         except InvalidInput as problem:
-            raise InvalidInput(problem.message, field=f"goal.{name}.{problem.field}", value=problem.value) from None
+            place = f"goal.{name}.{problem.field}"
+            raise InvalidInput(problem.message, field=place, value=problem.value, limit=problem.limit) from None
         if reason is not None:
             raise InvalidInput(f"the variant is rejected: {reason}", field=f"goal.{name}", value=values)
     return resolved

@@ -194,3 +194,24 @@ def test_only_a_batch_that_waits_for_a_person_is_to_be_accepted(
     output = capsys.readouterr()
     assert "it waits" in output.out + output.err
     assert ("study accept s1" in output.out + output.err) is not accepted
+
+
+def test_a_study_shows_the_progress_of_its_oldest_open_batch_and_what_it_waits_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    common = {"reason": "even", "legal": 4, "accepted_at": now, "outcomes": None, "cpu_seconds": None}
+    batches = tuple(StudyBatch(number=number, run_id=f"r{number}", **common) for number in range(2))
+    study = Study(id="s1", name="night", state="running", by_hand=False, goal="rate", created_at=now, batches=batches)
+    states = iter(["running", "stopped"])
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        if "/studies/" in request.url.path:
+            told = study.model_copy(update={"state": next(states)})
+        else:
+            assert "/r0/" in request.url.path
+            told = _progress("running", "waiting for a render worker")
+        return httpx.Response(200, json=told.model_dump(mode="json"))
+
+    follow_study(_system(answer), "s1", quiet=False)
+    assert "batch 1: running, waiting for a render worker" in capsys.readouterr().err

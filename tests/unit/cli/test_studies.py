@@ -28,6 +28,8 @@ def spec(tmp_path: Path) -> Path:
     ("arguments", "problem"),
     [
         (["study", "run", "SPEC", "--until-met"], "--until-met.*with --retrain"),
+        (["study", "run", "nothere"], "FILE: neither a file nor the id of a study; got nothere"),
+        (["study", "mode", "s1", "manual"], "MODE: unknown mode 'manual'; known: automatic, by-hand"),
         (["plan", "SPEC", "--where", "distance_m < 8"], "--where.*with --truth-only"),
         (["plan", "SPEC", "-o", "x.yaml"], "--output.*with --truth-only"),
         (["plan", "SPEC", "--truth-only", "--where", "pacc < 0.5"], "--where.*measures of the truth"),
@@ -60,6 +62,14 @@ def test_a_plan_prices_the_first_batch_and_the_whole_budget(tmp_path: Path, invo
     start, batch = plan["start_cpu_seconds"], plan["cpu_seconds"]
     whole = duration(start + (batch - start) / 32 * 256)  # the template's batch and budget
     assert f"the budget of 256 variants: about {whole} of CPU time" in shown
+    assert "budget.cpu_hours" not in shown
+    Path(study).write_text(
+        Path(study).read_text("utf-8").replace("{variants: 256}", "{variants: 256, cpu_hours: 0.0001}")
+    )
+    assert (
+        "budget.cpu_hours: 0.0001 hours pay for about 0 variants"
+        in invoke.invoke(app, ["study", "plan", study, *data]).stdout
+    )
 
 
 @pytest.mark.parametrize("file", STUDIES, ids=lambda file: file.name)

@@ -113,9 +113,20 @@ def test_a_value_outside_the_domain_is_refused_by_name(name: str, value: Any) ->
         everything.point(values | {f"scene.{name}": value})
 
 
+def test_a_value_may_have_a_unit_and_one_out_of_range_names_the_range() -> None:
+    everything = domain()
+    values = everything.values(np.full(everything.dimensions, 0.5))
+    with_unit = everything.point(values | {"scene.heading": "90 deg"})
+    np.testing.assert_array_equal(with_unit, everything.point(values | {"scene.heading": 90}))
+    with pytest.raises(InvalidInput, match=r"x: .*got 11.*-10…10"):
+        everything.point(values | {"scene.x": 11.0})
+
+
 def test_a_missing_value_and_an_unknown_parameter_are_named() -> None:
     with pytest.raises(InvalidInput, match="x: the parameter has no value"):
         domain().point({})
+    with pytest.raises(InvalidInput, match=r"distence: unknown varied parameter 'distence'; did you mean distance"):
+        domain().point({"distence": 3})
     with pytest.raises(UnknownName, match="distance"):
         Domain(DEFINITIONS, [Variation("distence", Uniform())])
     with pytest.raises(InvalidInput, match=r"vary\.1.*twice"):

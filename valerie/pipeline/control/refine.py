@@ -60,6 +60,8 @@ def refine_run(
     paths = [[_path(names, name, field) for name in entries] for field, entries in (("--add", add), ("--drop", drop))]
     with reading_run(context.engine, run_id) as connection:
         rows = [person.row for person in evaluated_persons(connection, run)]
+    if not rows:
+        raise InvalidInput("the run has no evaluated person yet", field="RUN", value=run_id)
     selected = _selected(run, selection, rows)
     varied = run.resolved.space.varied
     kinds: dict[str, ParameterType] = {path: run.resolved.space.definitions[path].type for path in varied}

@@ -42,7 +42,7 @@ from valerie.settings import NO_BROKER, Settings
 log = structlog.get_logger()
 
 _SEEN_EVERY_SECONDS: Final = 3.0
-_PROBE_TIMEOUT_SECONDS: Final = 120.0
+_PROBE_TIMEOUT_SECONDS: Final = 300.0  # a machine that is busy may take minutes for what takes seconds
 
 
 class Presence:

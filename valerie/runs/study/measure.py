@@ -95,7 +95,15 @@ def parse_measure(text: str) -> VariantMeasure:
     """
     extreme = _EXTREME.fullmatch(text)
     if extreme is None:
-        return VariantMeasure(text, parse_statistic(text, field="measure"), "mean")
+        try:
+            return VariantMeasure(text, parse_statistic(text, field="measure"), "mean")
+        except UnknownName as unknown:
+            if unknown.kind != "statistic":
+                raise
+            raise UnknownName("statistic", unknown.name, (*unknown.known, "min", "max"), field="measure") from None
+        except InvalidInput as refused:
+            limit = str(refused.limit).replace("mean(pacc)", "min(pacc) >= 0.5, mean(pacc)", 1)
+            raise InvalidInput(refused.message, field="measure", value=text, limit=limit) from None
     over, column, rest = extreme.groups()
     try:
         statistic = parse_statistic(f"mean({column}){rest}", field="measure")

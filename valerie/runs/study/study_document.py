@@ -26,7 +26,7 @@ from valerie.runs.moments import Moment
 from valerie.runs.resolving.spec import parse
 from valerie.runs.study.measure import parse_measure
 from valerie.runs.study.retraining import Rounds
-from valerie.runs.values import Name, Scalar, Text
+from valerie.runs.values import Name, Scalar, Share, Text
 from valerie.validation import problem_of
 
 #: Fields of a spec that a study sets itself.
@@ -131,8 +131,8 @@ class VerifyGoal(GoalDocument):
 
     question = "Is the requirement met?"
     name: Literal["verify"] = "verify"
-    share: Annotated[float, Field(gt=0, lt=1)] | None = None
-    confidence: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
+    share: Annotated[Share, Field(gt=0, lt=1)] | None = None
+    confidence: Annotated[Share, Field(ge=0.5, lt=1)] = 0.95
 
 
 class CompareGoal(GoalDocument):
@@ -147,9 +147,9 @@ class CompareGoal(GoalDocument):
     question = "Which of the two functions is better?"
     functions = 2
     name: Literal["compare"] = "compare"
-    within: Annotated[float, Field(gt=0, lt=1)]
+    within: Annotated[Share, Field(gt=0, lt=1)]
     of: Literal["mean", "share"] = "mean"
-    level: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
+    level: Annotated[Share, Field(ge=0.5, lt=1)] = 0.95
 
 
 class CascadeGoal(GoalDocument):
@@ -232,7 +232,7 @@ class StopRule(Document):
             gets a share of the error (Bonferroni), which makes the interval wider than without a stop rule.
     """
 
-    width: Annotated[float, Field(gt=0, lt=1)] | None = None
+    width: Annotated[Share, Field(gt=0, lt=1)] | None = None
 
 
 class StudyDocument(Document):

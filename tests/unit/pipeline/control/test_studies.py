@@ -336,6 +336,8 @@ def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) ->
         for r in missed
     ]
     assert "Difference, camera-1" in page
+    assert "<td>person-1.pos.y</td><td>uniform</td><td>3 to 9 m, median 6 m</td>" in page
+    assert "<td>Render engine</td><td>blank</td>" in page
     assert re.search(r"Absolute difference of the failing and the passing picture, \S+ times as bright", page)
     lifecycle.delete(pipeline.context, run)
     assert "When it fails" not in report(pipeline.context, study)
@@ -459,6 +461,8 @@ def test_map_draws_the_two_parameters_that_change_calls(pipeline: Pipeline) -> N
             pictures=(),
             batches=(),
             totals=(),
+            domain=(),
+            conditions=(),
             asset_digest="text",
         )
     )

@@ -80,7 +80,8 @@ def test_the_written_template_is_a_study() -> None:
         ({"measure": "min(pac) >= 0.5"}, "measure.*pacc"),
         ({"measure": "min(pacc) >= 50"}, r"measure: .*between 0 and 1; got min\(pacc\) >= 50;"),
         ({"measure": "max(pacc) > 0.5"}, r"got max\(pacc\) > 0.5; limit: max\(pacc\) >= "),
-        ({"measure": "min(pacc) >= 0"}, "measure.*both sides"),
+        ({"measure": "worst(pacc) >= 0.5"}, "unknown statistic 'worst'; known: max, mean, min, quantile, share"),
+        ({"measure": "pacc >= 0.5"}, r"measure: not a statistic.*got pacc >= 0.5; limit: min\(pacc\) >= 0.5, mean"),
         ({"functions": []}, "functions.*one function"),
         ({"vary": []}, "vary"),
         ({"design": "sobol"}, "design.*decides this itself"),
@@ -97,6 +98,14 @@ def test_several_problems_are_reported_at_once() -> None:
     with pytest.raises(InvalidInputs) as error:
         parse_study(document(measure="min(pac) >= 0.5", batch=500, stop={"width": 0.1}, goal="explain"))
     assert len(error.value.problems) >= 3
+
+
+def test_a_share_may_be_stated_in_per_cent() -> None:
+    assert parse_study(document(goal={"name": "verify", "share": "90 %"})) == parse_study(
+        document(goal={"name": "verify", "share": 0.9})
+    )
+    with pytest.raises(InvalidInput, match=r"goal.share: .*110 %"):
+        parse_study(document(goal={"name": "verify", "share": "110 %"}))
 
 
 def test_a_given_pair_needs_no_budget_of_its_own() -> None:

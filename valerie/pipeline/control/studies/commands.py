@@ -219,7 +219,7 @@ def stop(context: Context, study_id: str) -> None:
             study_id,
             expected=study.state,
             state=StudyState.STOPPED,
-            reason="a person ended it",
+            reason="stopped by hand",
             result=result,
             finished_at=database_moment(connection),
         )

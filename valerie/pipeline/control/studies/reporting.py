@@ -25,7 +25,7 @@ from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.study.study_document import StudyResult
 from valerie.studies.pursuit import Pursuit
-from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
+from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report, condition_rows, domain_rows
 from valerie.studies.resolved import ResolvedStudy
 from valerie.studies.wording import conditions_text, outlook_text
 
@@ -67,6 +67,8 @@ def report(context: Context, study_id: str) -> str:
             totals=_totals(batches, pursuit.study),
             measure=study.document.measure,
             where=study.document.where,
+            domain=domain_rows(pursuit.study.domain),
+            conditions=condition_rows(pursuit.study),
             document=study.document.to_yaml(),
             digest=study.document.digest,
             asset_digest=study.asset_digest,
