@@ -211,7 +211,8 @@ def _variants(plan: Plan) -> Table:
 
     table = Table.grid(padding=(0, 2))
     for variant in (*plan.first, *(v for v in plan.last if v not in plan.first)):
-        parts = [f"{name} {number_text(value)}{_unit(plan, name)}" for name, value in variant.values.items()]
+        values = variant.values.items()
+        parts = [f"{name} {number_text(value)} {plan.units.get(name, '')}".rstrip() for name, value in values]
         if variant.sun is not None:
             parts.append(f"sun at {variant.sun[0]:.1f}°, {variant.sun[1]:.1f}° above the horizon")
         if variant.rejection:
@@ -265,8 +266,3 @@ def _bytes(count: int) -> str:
 def number_text(value: object) -> str:
     """Return a value, a number in its shortest form."""
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _unit(plan: Plan, name: str) -> str:
-    unit = plan.units.get(name, "")
-    return f" {unit}" if unit else ""
