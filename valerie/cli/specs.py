@@ -215,7 +215,8 @@ def _variants(plan: Plan) -> Table:
         if variant.index > before + 1:
             table.add_row("  …")
         before = variant.index
-        parts = [f"{name} {number_text(value)}{_unit(plan, name)}" for name, value in variant.values.items()]
+        values = variant.values.items()
+        parts = [f"{name} {number_text(value)} {plan.units.get(name, '')}".rstrip() for name, value in values]
         if variant.sun is not None:
             parts.append(f"sun at {variant.sun[0]:.1f}°, {variant.sun[1]:.1f}° above the horizon")
         if variant.rejection:
@@ -269,8 +270,3 @@ def _bytes(count: int) -> str:
 def number_text(value: object) -> str:
     """Return a value, a number in its shortest form."""
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _unit(plan: Plan, name: str) -> str:
-    unit = plan.units.get(name, "")
-    return f" {unit}" if unit else ""

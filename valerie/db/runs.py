@@ -356,7 +356,7 @@ def awaited_count(connection: Connection, run_id: str) -> int:
     return connection.scalar(select(func.count()).select_from(_awaited(run_id).subquery())) or 0
 
 
-def _awaited(run_id: str) -> Select[tuple[str]]:
+def _awaited(run_id: str) -> Select[str]:
     uploadable = Product.state == ProductState.READY, Product.route == UPLOADED_ROUTE
     links = select(Product.digest).distinct().join(Evaluation, Evaluation.prediction == Product.digest)
     return links.where(Evaluation.run_id == run_id, *uploadable)

@@ -94,5 +94,4 @@ def touch(connection: Connection, name: str, now: datetime) -> None:
 
 
 def _token(row: Row[Any]) -> TokenRow:
-    *values, scopes = row
-    return TokenRow(*values, scopes=tuple(scopes.split()))
+    return TokenRow(**{**row._asdict(), "scopes": tuple(row.scopes.split())})

@@ -188,7 +188,8 @@ def rows(
         items = exploration.page(selection, sort=sort, limit=limit, offset=offset).to_pylist()
     else:
         items = list(_numbered(exploration, [number]).values())
-    return _json({"selected": selection.count, "items": items})
+    page = orjson.dumps({"selected": selection.count, "items": items})
+    return Response(page, media_type="application/json")
 
 
 @router.get(
@@ -453,7 +454,3 @@ def _file(table: pa.Table, form: str) -> Response:
     else:
         pa.csv.write_csv(table, sink)
     return send_table(sink.getvalue(), "selection", form)
-
-
-def _json(document: object) -> Response:
-    return Response(orjson.dumps(document), media_type="application/json")

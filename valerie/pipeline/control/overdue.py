@@ -13,8 +13,8 @@ from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import ProductKind
 
 
-def fail_overdue(context: Context, running: Sequence[RunRow], now: float) -> int:
-    """Fail predictions whose deadline has passed, unless another run still waits for them; return their number."""
+def fail_overdue(context: Context, running: Sequence[RunRow], now: float) -> None:
+    """Fail predictions whose deadline has passed, unless another run still waits for them."""
     overdue: dict[str, str] = {}
     awaited: set[str] = set()
     for run in running:
@@ -32,4 +32,3 @@ def fail_overdue(context: Context, running: Sequence[RunRow], now: float) -> int
             for digest in late:
                 error = Fault(stage=ProductKind.PREDICTION, type="NoPrediction", message=overdue[digest], attempts=0)
                 products.fail(connection, digest, owner=None, error=error, now=now)
-    return len(late)

@@ -105,14 +105,9 @@ class _Holder:
         if not limits:
             return []
         unfinished = usage.unfinished(connection, owner=self.owner, project=self.project, besides=besides)
-        made = spent.get(self, Cost(0.0, 0.0))
-        counted = {
-            Resource.RUNS: (unfinished.runs, 0.0),
-            Resource.VARIANTS: (unfinished.variants, 0.0),
-            Resource.CPU_HOURS: (made.cpu_seconds / 3600, unfinished.forecast.cpu_seconds / 3600),
-            Resource.GIGABYTES: (made.bytes / 1e9, unfinished.forecast.bytes / 1e9),
-        }
-        return [Quota(self.name, resource, *counted[resource], limit) for resource, limit in limits.items()]
+        used = _amounts(unfinished.runs, unfinished.variants, spent.get(self, Cost(0.0, 0.0)))
+        forecast = _amounts(0, 0, unfinished.forecast)
+        return [Quota(self.name, each, used[each], forecast[each], limit) for each, limit in limits.items()]
 
 
 #: What owners and projects with quotas of CPU hours or bytes took.
@@ -218,13 +213,18 @@ def require_possible_batch(settings: Settings, owner: str | None, project: str, 
 
 
 def _refusals(quotas: Iterable[Quota], variants: int, forecast: Cost) -> Iterator[str]:
-    more = {
-        Resource.RUNS: 1,
-        Resource.VARIANTS: variants,
-        Resource.CPU_HOURS: forecast.cpu_seconds / 3600,
-        Resource.GIGABYTES: forecast.bytes / 1e9,
-    }
+    more = _amounts(1, variants, forecast)
     return filter(None, (quota.refusal(more[quota.resource]) for quota in quotas))
+
+
+def _amounts(runs: int, variants: int, cost: Cost) -> dict[Resource, float]:
+    """Return what runs take, in the units of the quotas."""
+    return {
+        Resource.RUNS: runs,
+        Resource.VARIANTS: variants,
+        Resource.CPU_HOURS: cost.cpu_seconds / 3600,
+        Resource.GIGABYTES: cost.bytes / 1e9,
+    }
 
 
 def _number(value: float) -> str:

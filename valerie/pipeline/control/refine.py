@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.findings.refining import halved_spec
@@ -55,7 +54,8 @@ def refine_run(
             raise InvalidInput(
                 "cannot be combined with --add or --drop: a finding already names its parameters", field="--finding"
             )
-        return _of_finding(context, run_id, selection.finding)
+        finding = typed(Findings, read_summary(context, run_id)["findings"]).numbered(selection.finding)
+        return finding.spec, finding.sentence
     names = run.resolved.space.names
     paths = [[_path(names, name, field) for name in entries] for field, entries in (("--add", add), ("--drop", drop))]
     with reading_run(context.engine, run_id) as connection:
@@ -81,11 +81,6 @@ def refine_run(
     return spec.to_yaml(), "" if selected is rows else str(some) if some.bounds else everything
 
 
-def _of_finding(context: Context, run_id: str, number: int) -> tuple[str, str]:
-    finding = typed(Findings, read_summary(context, run_id)["findings"]).numbered(number)
-    return finding.spec, finding.sentence
-
-
 def _selected(run: StoredRun, selection: RefinedPart, rows: Sequence[TableRow]) -> Sequence[TableRow]:
     if selection.where is not None:
         condition = run_where(selection.where, run.resolved, field="--where")
@@ -104,15 +99,11 @@ def _selected(run: StoredRun, selection: RefinedPart, rows: Sequence[TableRow]) 
         value = row[statistic.measure.name]
         if value is None or row["function"] not in requirement.functions or not requirement.holds(row):
             continue
-        if statistic.scores(_array(value))[0] < bound:
+        if statistic.scores(np.array([value], np.float64))[0] < bound:
             missing.append(row)
     if not missing:
         raise InvalidInput("no row misses the requirement", field="--requirement", value=selection.requirement)
     return missing
-
-
-def _array(value: object) -> NDArray[np.float64]:
-    return np.array([value], np.float64)
 
 
 def _path(names: Mapping[str, ParameterDefinition], name: str, field: str) -> str:

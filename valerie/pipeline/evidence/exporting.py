@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -208,7 +207,8 @@ def _write_frame(context: Context, stored: StoredRun, frame: NamedFrame, folder:
 
 
 def _facts(run: RunRow, folder: Path, *, table: str, verdicts: object) -> RunFacts:
-    pictures = {name: sha256_of(folder / name) for name in _pictures(folder)}
+    names = (name for name in plain_files(folder) if name.startswith(f"{PICTURES}/"))
+    pictures = {name: sha256_of(folder / name) for name in names}
     results = ResultDigests(
         frames=tree_root(pictures),
         table=table,
@@ -227,7 +227,3 @@ def _facts(run: RunRow, folder: Path, *, table: str, verdicts: object) -> RunFac
         finished_at=run.finished_at,
         results=results,
     )
-
-
-def _pictures(folder: Path) -> Iterator[str]:
-    return (name for name in plain_files(folder) if name.startswith(f"{PICTURES}/"))

@@ -50,7 +50,9 @@ class FunctionLoader:
         settings = self._context.settings
         threads = threads or settings.inference_threads
         if pin.kind is not None:  # registered
-            function = self._registered(pin.digest, name, threads)
+            with reading(self._context.engine) as connection:
+                document = registry.of_digest(connection, pin.digest, name).document
+            function = self.open_document(document, threads=threads)
         else:
             function = open_installed(name, settings, threads=threads)
         if function.card.digest != pin.digest:
@@ -62,11 +64,6 @@ class FunctionLoader:
             function.close()
             raise TransientError(f"{name} runs as {runs_as} here; the run pinned {pin.numeric_class}")
         return function
-
-    def _registered(self, digest: str, name: str, threads: int) -> PerceptionFunction:
-        with reading(self._context.engine) as connection:
-            document = registry.of_digest(connection, digest, name).document
-        return self.open_document(document, threads=threads)
 
     def file(self, document: FunctionDocument) -> Path:
         """Return the verified payload of a registered function that has one; use the file soon, since a cache owns it.

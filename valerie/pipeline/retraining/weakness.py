@@ -158,12 +158,9 @@ def _region(context: Context, runs: Sequence[StoredRun], where: str, function: s
 
 def _function(resolved: ResolvedRun, function: str | None) -> str:
     functions = resolved.spec.functions
-    if function is None:
-        if len(functions) != 1:
-            raise InvalidInput("the run has several functions", field="--function", limit=", ".join(functions))
-        return functions[0]
-    function_index(function, resolved)
-    return function
+    if function is None and len(functions) != 1:
+        raise InvalidInput("the run has several functions", field="--function", limit=", ".join(functions))
+    return functions[function_index(function, resolved)]
 
 
 def _generated(resolved: ResolvedRun) -> tuple[str, AssetArguments, int]:

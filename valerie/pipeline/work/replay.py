@@ -114,26 +114,26 @@ class _Replay:
         except ValerieError as error:
             return Replayed(job.kind, name, job.digest, f"cannot be made here: {error}")
         seconds = time.process_time() - started
+        differing: dict[str, tuple[Cell, Cell]] = {}
         if isinstance(stored, FrameEvaluation):
             differing = _differing(finished.score, stored.score)
-            verdict = "not stored" if stored.score is None else "differs" if differing else "equal"
-            return Replayed(job.kind, name, job.digest, verdict, seconds, differing)
-        if job.kind is ProductKind.LIGHT and stored is not None:
+            same = None if stored.score is None else not differing
+        elif job.kind is ProductKind.LIGHT and stored is not None:
             done = stored.state is ProductState.DONE
-            verdict = (
-                "not stored" if not done else "equal" if self._same_light(job.frame.key.run_id, finished) else "differs"
-            )
+            same = self._same_light(job.frame.key.run_id, finished) if done else None
         else:
-            verdict = self._verdict(job)
-        return Replayed(job.kind, name, job.digest, verdict, seconds)
+            same = self._same_object(job)
+        verdict = "not stored" if same is None else "equal" if same else "differs"
+        return Replayed(job.kind, name, job.digest, verdict, seconds, differing)
 
-    def _verdict(self, job: Job) -> str:
+    def _same_object(self, job: Job) -> bool | None:
+        """Return True if the stored object equals the new one; None if there is none."""
         key = product_key(job.kind, job.digest)
         try:
             same = self._real.get(key) == self.scratch.store.get(key)
         except NotFound:
-            return "not stored"
-        return "equal" if same or (job.kind == "truth" and self._same_truth(job.digest)) else "differs"
+            return None
+        return same or (job.kind is ProductKind.TRUTH and self._same_truth(job.digest))
 
     def _same_light(self, run_id: str, finished: Finished) -> bool:
         with reading_run(self.scratch.engine, run_id) as connection:

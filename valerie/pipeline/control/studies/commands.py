@@ -61,16 +61,15 @@ def plan_study(context: Context, document: StudyDocument, *, project: str = "") 
     proposal = pursuit.ask((), document.batch)
     legal = int(np.count_nonzero(pursuit.study.domain.legal(proposal.points)))
     spec = pursuit.spec(0, parent=None)
-    plan = plan_run(context, spec, project=project, notes=pursuit.study.run.notes)
     return NextBatch(
-        0,
-        reason_text(proposal.reason, pursuit.study.domain.names),
-        legal,
-        len(proposal) - legal,
-        False,
-        None,
-        spec.to_yaml(),
-        plan,
+        number=0,
+        reason=reason_text(proposal.reason, pursuit.study.domain.names),
+        legal=legal,
+        rejected=len(proposal) - legal,
+        accepted=False,
+        run_id=None,
+        spec=spec.to_yaml(),
+        plan=plan_run(context, spec, project=project, notes=pursuit.study.run.notes),
     )
 
 
@@ -140,14 +139,14 @@ def next_batch(context: Context, study_id: str) -> NextBatch:
     pursuit.follow(batches)
     spec = pursuit.spec(batch.number, parent=parent_of(batches, batch.number))
     return NextBatch(
-        batch.number,
-        batch.reason,
-        batch.legal,
-        len(batch.rejected),
-        batch.accepted_at is not None,
-        batch.run_id,
-        spec.to_yaml(),
-        plan_run(context, spec, notes=pursuit.study.run.notes),
+        number=batch.number,
+        reason=batch.reason,
+        legal=batch.legal,
+        rejected=len(batch.rejected),
+        accepted=batch.accepted_at is not None,
+        run_id=batch.run_id,
+        spec=spec.to_yaml(),
+        plan=plan_run(context, spec, notes=pursuit.study.run.notes),
     )
 
 
