@@ -1,9 +1,9 @@
 """Compare the brightness of a street in the raster engine and in Cycles: ratios per class under five skies.
 
-``make bench-light``, or ``python -m benchmarks.bench_light [--width W --height H --samples N]``; about four minutes of one core.
-It renders the background of `urban-street` from ``camera-1``. A class's ratio is that of its mean linear values in the two
-engines. The *difference* of a sky is the geometric mean, over all pixels except the sky's, of the ratio of the brighter to the
-darker engine.
+``make bench-light``, or ``python -m benchmarks.bench_light [--asset A --sky S --width W --height H --samples N]``; about four
+minutes of one core. It renders the background of an asset from ``camera-1``. With ``--sky scene``, Cycles has the raster engine's
+sky. A class's ratio is that of its mean linear values in the two engines. The *difference* of a sky is the geometric mean, over
+all pixels except the sky's, of the ratio of the brighter to the darker engine.
 """
 
 from __future__ import annotations
@@ -55,12 +55,16 @@ def compared(raster: NDArray[Any], cycles: NDArray[Any], classes: NDArray[np.uin
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--asset", default="urban-street")
+    parser.add_argument("--sky", choices=("nishita", "scene"), default="nishita", help="sky of Cycles without clouds")
     parser.add_argument("--width", type=int, default=320)
     parser.add_argument("--height", type=int, default=180)
     parser.add_argument("--samples", type=int, default=16, help="samples of Cycles, denoised")
     arguments = parser.parse_args()
-    asset, view = load_asset("urban-street"), View("camera-1", arguments.width, arguments.height)
+    asset, view = load_asset(arguments.asset), View("camera-1", arguments.width, arguments.height)
     figures: dict[str, Any] = {
+        "asset": arguments.asset,
+        "sky": arguments.sky,
         "width": arguments.width,
         "height": arguments.height,
         "samples": arguments.samples,
@@ -68,7 +72,7 @@ def main() -> None:
     }
     try:
         raster, truth = RasterRenderer(), TruthPass()
-        cycles = CyclesRenderer(CyclesSettings(samples=arguments.samples, denoise=True))
+        cycles = CyclesRenderer(CyclesSettings(samples=arguments.samples, denoise=True, sky=arguments.sky))
         for name, values in SKIES.items():
             scene = apply(values, asset)
             classes = truth.parts(scene, view)[0].class_map

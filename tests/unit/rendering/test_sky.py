@@ -63,6 +63,27 @@ def test_the_sky_is_brightest_around_the_sun() -> None:
     assert math.degrees(math.acos(float(brightest @ toward))) < math.hypot(2.6, 3.2)
 
 
+@pytest.mark.parametrize("elevation", [25.0, 40.0, 60.0])
+def test_a_clear_sky_is_as_bright_away_from_the_sun_as_the_cies_beside_its_light_on_the_ground(
+    elevation: float,
+) -> None:
+    # Relative luminance of the CIE standard clear sky (ISO 15469:2004, type 12), of the zenith angle and that to the sun.
+    directions, toward = (
+        sky_directions(),
+        np.array([math.cos(math.radians(elevation)), 0.0, math.sin(math.radians(elevation))]),
+    )
+    height, apart = directions[..., 2], np.arccos(directions @ toward)
+    gradation = 1 - np.exp(-0.32 / height)
+    cie = gradation * (1 + 10 * (np.exp(-3 * apart) - math.exp(-1.5 * math.pi)) + 0.45 * np.cos(apart) ** 2)
+    ours = sky_of(scene_with(elevation)).table @ LUMINANCE
+    # Rows are spaced by squares: a row's solid angle is its cosine times its distance from the next.
+    weight = height * np.sqrt(1 - height**2) * np.gradient(np.arcsin(height[:, 0]))[:, None]
+    ratios = ours / (ours * weight).sum() * (cie * weight).sum() / cie
+    where = (apart > math.radians(60)) & (height > math.sin(math.radians(10)))
+    # To half a stop, a requirement of ours.
+    assert np.abs(np.log2(ratios[where])).max() < 0.5
+
+
 def test_a_clear_noon_sky_gives_the_ground_a_fifth_to_a_third_of_the_suns_light() -> None:
     sky = sky_of(scene_with(60.0))
     share = (sky.sky_irradiance @ LUMINANCE) / (sky.sun @ LUMINANCE * math.sin(math.radians(60)))

@@ -22,6 +22,7 @@ from valerie.rendering.raster.canvas import Canvas
 from valerie.rendering.raster.gl.tiles import Area, Mask
 from valerie.rendering.raster.light.lighting import LitFrame, Viewpoint
 from valerie.rendering.raster.light.pane_image import LARGEST, NEAR_PLANE, PaneImage
+from valerie.rendering.raster.light.panorama import SKY_DISTANCE
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 from valerie.rendering.raster.upload.scenes import Statics
 from valerie.scene.graph.model import Camera
@@ -36,8 +37,7 @@ _LEAST_PANE: Final = 0.001
 _SCALE: Final = 0.4
 #: Margin around panes in the picture, radians: they are slightly bent.
 _MARGIN: Final = 0.012
-#: Distance beyond which panes show the sky, metres, and least size of a mesh in them in pixels.
-_REACH: Final = 140.0
+#: Least size of a mesh in the picture, pixels.
 _DETAIL: Final = 12.0
 
 
@@ -189,7 +189,7 @@ def _mirror(gl: moderngl.Context, viewpoint: Viewpoint, plane: Points, triangles
     focal *= min(1.0, (LARGEST - 24) / (2 * focal * half.max()))
     # Multiples of 24: llvmpipe compiles the shading anew for targets with a power of two texels per side.
     width, height = (24 * int(np.ceil(side * focal / 12)) for side in half)
-    camera = Camera("pane", transform, focal_length_mm=36.0 * focal / width, near=0.2, far=_REACH)
+    camera = Camera("pane", transform, focal_length_mm=36.0 * focal / width, near=0.2, far=float(SKY_DISTANCE))
     view = View("pane", width, height)
     canvas, mask = Canvas(gl, view), np.zeros((height, width), np.uint8)
     for corners in flat * focal + (width / 2, height / 2):

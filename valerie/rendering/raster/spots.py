@@ -22,15 +22,13 @@ from valerie.rendering.projection import Points, drawing_matrices
 from valerie.rendering.raster.canvas import Canvas
 from valerie.rendering.raster.gl.tiles import Area
 from valerie.rendering.raster.light.lighting import LitFrame, Viewpoint
-from valerie.rendering.raster.light.panorama import SIDE, Panorama
+from valerie.rendering.raster.light.panorama import SIDE, SKY_DISTANCE, Panorama
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 from valerie.rendering.raster.upload.scenes import Statics
 from valerie.scene.graph.model import Camera
 
 #: Pixels per side of the five images, which have a field of view of 90°.
 _VIEW: Final = View("panorama", 64, 64)
-#: Distance beyond which the panorama shows the sky, metres.
-REACH: Final = 80.0
 #: Least size of a mesh in it, as a share of its distance: 2.5 pixels of the five images.
 _LEAST: Final = 0.08
 #: Brightest value: the sun's own mirror image is a highlight (``lighting.frag``).
@@ -106,7 +104,7 @@ def _camera(place: Points, ahead: Points) -> Camera:
     transform = np.eye(4)
     transform[:3, :3] = np.stack([np.cross(ahead, up), up, -ahead], axis=1)
     transform[:3, 3] = place
-    return Camera("panorama", transform, focal_length_mm=18.0, sensor_width_mm=36.0, far=REACH)
+    return Camera("panorama", transform, focal_length_mm=18.0, sensor_width_mm=36.0, far=float(SKY_DISTANCE))
 
 
 class _Rays(NamedTuple):

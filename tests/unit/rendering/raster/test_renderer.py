@@ -310,6 +310,46 @@ def test_a_mirror_away_from_the_camera_shows_things_where_reflected_rays_meet_th
     assert ((pixels[..., 0] > pixels[..., 2]) == (x < edge))[sure].all()
 
 
+# A movable mirrors the panorama, a large pane of the statics a picture of its own.
+@pytest.mark.parametrize("movable", [True, False])
+@pytest.mark.parametrize(
+    ("azimuth", "low", "high"),
+    [
+        # A tower aside, which stands elsewhere for the camera, and a wall farther away than all else.
+        (-53.13, (-54, -14, 0), (-26, 14, 60)),
+        (10.0, (-80, -131, 0), (80, -130, 100)),
+    ],
+)
+def test_a_mirror_shows_what_hides_the_sky_from_it_and_not_from_the_camera(
+    raster: RasterRenderer, *, azimuth: float, low: tuple[float, ...], high: tuple[float, ...], movable: bool
+) -> None:
+    # The mirror stands 30 m ahead. It shows the direction ``azimuth`` from straight behind the camera, 15° high.
+    place, elevation, turn = np.array([0.0, 30.0, 3.0]), math.radians(15), math.radians(azimuth)
+    shown = np.array([math.cos(elevation) * math.sin(turn), -math.cos(elevation) * math.cos(turn), math.sin(elevation)])
+    into = np.array([0.0, 1.0, 0.0]) - shown
+    right = np.cross(into, (0, 0, 1))
+    into, right = into / np.linalg.norm(into), right / np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.stack([right, into, np.cross(right, into), place], axis=1)
+    first, last = np.sort((np.array([low, high]) - place) / shown, axis=0)
+    assert 0 < first.max() < last.min()
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 3), 0, 0, 0), focal_length_mm=1200.0)
+    nodes = [
+        Node("scene.road-1", np.eye(4), (box_mesh((-90, -140, -1), (90, 60, 0), "chalk"),), label_id=7),
+        Node(
+            "scene.car-1", pose, (box_mesh((-0.5, 0, -0.5), (0.5, 0.01, 0.5), "mirror"),), label_id=26, movable=movable
+        ),
+        Node("scene.wall-1", np.eye(4), (box_mesh(low, high, "tower"),), label_id=12),
+    ]
+    black = Material("tower", (0.0,) * 3, roughness=1.0, specular=0.0)
+    scene = Scene(
+        {node.path: node for node in nodes}, {"mirror": MIRROR, "chalk": CHALK, "tower": black}, {}, {"camera-1": camera},
+        Sun(0.0, math.radians(50)), environment=Environment(cloud_cover=1.0),
+    )  # fmt: skip
+    mirrored = raster.full(scene, View("camera-1", 32, 18)).pixels.astype(np.float64).mean(axis=(0, 1))
+    assert (mirrored < 0.25 * sky_of(scene).radiance(shown[None])[0]).all()
+
+
 @pytest.mark.parametrize("movable", [False, True])
 @pytest.mark.parametrize("double_sided", [False, True])
 def test_no_sunlight_passes_through_a_head(raster: RasterRenderer, movable: bool, double_sided: bool) -> None:

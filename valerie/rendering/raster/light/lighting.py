@@ -25,6 +25,7 @@ from valerie.rendering.raster.gl.uniforms import Sampled, Uniform, Uniforms
 from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
 from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
 from valerie.rendering.raster.light.pane_image import PaneImage
+from valerie.rendering.raster.light.panorama import SKY_DISTANCE, Panorama
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
 from valerie.rendering.raster.upload.drawing import table_texture
 from valerie.rendering.raster.upload.nearby import nearby
@@ -34,7 +35,6 @@ from valerie.rendering.snowfall import FLAKE_VIEW, chance
 from valerie.scene.graph.model import Camera, Sun
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.light.panorama import Panorama
     from valerie.rendering.raster.upload.context import GraphicsContext
     from valerie.rendering.raster.upload.scenes import Statics
 
@@ -171,7 +171,11 @@ class Lighting:
         """
         key = tuple(sorted(kind))
         if key not in self._shading:
-            defines: dict[str, int] = {"SKYLIGHT_CELL": SKYLIGHT_CELL, **dict.fromkeys(key, 1)}
+            defines: dict[str, int] = {
+                "SKYLIGHT_CELL": SKYLIGHT_CELL,
+                "SKY_DISTANCE": SKY_DISTANCE,
+                **dict.fromkeys(key, 1),
+            }
             if "LAMPS" in kind:
                 defines |= {"LAMP_TILES": LAMP_TILES, "MOVING_TILES": MOVING_TILES}
                 defines |= {"LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": LAMP_ACROSS}

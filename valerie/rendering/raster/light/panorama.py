@@ -13,6 +13,8 @@ from valerie.rendering.projection import Points
 
 #: Texels per side of the map without its border, which continues it by one texel on each side.
 SIDE: Final = 160
+#: Distance of the sky in the map, metres. Surfaces are much nearer, so that a mean of distances tells the share of the sky.
+SKY_DISTANCE: Final = 1000
 #: Standard deviation of the blur of the second layer, texels: about 4°.
 _BLUR: Final = 3.0
 
@@ -22,7 +24,8 @@ class Panorama:
 
     Attributes:
         spot: (3,) metres, world.
-        texture: two layers of an octahedral map, sharp and blurred: radiance and distance in metres.
+        texture: two layers of an octahedral map, sharp and blurred: radiance, and distance in metres, of the sky at least
+            `SKY_DISTANCE`.
         known: False as long as the map is empty.
     """
 

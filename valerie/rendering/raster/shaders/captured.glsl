@@ -13,8 +13,9 @@ vec2 panorama_place(vec3 d) {
 }
 
 // Radiance at p from direction r. The ray is followed through the distances until it is behind what the spot sees. Where it passes
-// far behind a thing, which the spot can not know, it goes on.
-vec3 captured(vec3 p, vec3 r, float blur, bool wanted) {
+// far behind a thing, which the spot can not know, it goes on. Where the map shows the sky, other things may hide it from p, so
+// ``beyond`` replaces it: the radiance of sky or surfaces that p sees there.
+vec3 captured(vec3 p, vec3 r, vec3 beyond, float blur, bool wanted) {
     vec3 from = p - panorama_spot;
     float along = CAPTURED_FIRST, passed = 0.0, last_gap = -1.0, hit = -1.0;
     int i = 0, steps = wanted ? CAPTURED_STEPS : 1;
@@ -30,5 +31,6 @@ vec3 captured(vec3 p, vec3 r, float blur, bool wanted) {
         along *= CAPTURED_GROWTH;
     } while (++i < steps);
     vec2 at = panorama_place(hit < 0.0 ? r : from + max(hit, 0.1) * r);
-    return mix(textureLod(panorama, vec3(at, 0.0), 0.0).rgb, textureLod(panorama, vec3(at, 1.0), 0.0).rgb, blur);
+    vec4 seen = mix(textureLod(panorama, vec3(at, 0.0), 0.0), textureLod(panorama, vec3(at, 1.0), 0.0), blur);
+    return mix(seen.rgb, beyond, smoothstep(0.0, 1.0, seen.a / float(SKY_DISTANCE)));
 }

@@ -390,7 +390,7 @@ void main() {
     sharp *= 1.0 - film;
 #endif
     vec4 pane = in_pane(p, face, r, sharp > 0.0 && roughness < 0.2);
-    vec3 image_of = captured(p, r, smoothstep(0.06, 0.26, roughness), sharp > 0.0 && pane.a == 0.0);
+    vec3 image_of = captured(p, r, around, smoothstep(0.06, 0.26, roughness), sharp > 0.0 && pane.a == 0.0);
     image_of = mix(image_of, pane.rgb, pane.a);
     vec3 environment = mix(mix(around, blurred, rough), image_of, sharp);
 #ifdef RAIN
