@@ -137,10 +137,10 @@ def run(
 
     settings = settings_of(data_dir)
     known = None if file.exists() or str(file) == "-" else str(file)
-    text = b"" if known else read_spec(file)
     if known:
         _check_stored(known, data_dir)
-    if not known:
+    else:
+        text = read_spec(file)
         document = parse_study(text)
         if by_hand:  # in the document, so that no batch starts before it is said
             text = document.model_copy(update={"mode": "by hand"}).to_yaml().encode()

@@ -94,22 +94,15 @@ def parse_measure(text: str) -> VariantMeasure:
         InvalidInput, UnknownName: as for `parse_statistic`.
     """
     extreme = _EXTREME.fullmatch(text)
-    if extreme is None:
-        try:
-            return VariantMeasure(text, parse_statistic(text, field="measure"), "mean")
-        except UnknownName as unknown:
-            if unknown.kind != "statistic":
-                raise
-            raise UnknownName("statistic", unknown.name, (*unknown.known, "min", "max"), field="measure") from None
-        except InvalidInput as refused:
-            limit = str(refused.limit).replace("mean(pacc)", "min(pacc) >= 0.5, mean(pacc)", 1)
-            raise InvalidInput(refused.message, field="measure", value=text, limit=limit) from None
-    over, column, rest = extreme.groups()
+    over, column, rest = ("mean", "", "") if extreme is None else extreme.groups()
     try:
-        statistic = parse_statistic(f"mean({column}){rest}", field="measure")
-    except UnknownName:
-        raise
+        statistic = parse_statistic(text if extreme is None else f"mean({column}){rest}", field="measure")
+    except UnknownName as unknown:
+        if unknown.kind != "statistic":
+            raise
+        raise UnknownName("statistic", unknown.name, (*unknown.known, "min", "max"), field="measure") from None
     except InvalidInput as refused:
-        limit = str(refused.limit).replace("mean(", f"{over}(")
+        form = "min(pacc) >= 0.5, mean(" if extreme is None else f"{over}("
+        limit = str(refused.limit).replace("mean(", form, 1)
         raise InvalidInput(refused.message, field="measure", value=text, limit=limit) from None
     return VariantMeasure(text, statistic, over)
