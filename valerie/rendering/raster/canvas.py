@@ -80,7 +80,7 @@ class StaticSurfaces:
         rows, columns = slice(y // TILE, -(-(y + height) // TILE)), slice(x // TILE, -(-(x + width) // TILE))
         part = mask[rows, columns]
         for depths, pixels, largest in ((self.nearest, low, False), (self.farthest, high, True)):
-            depth = near * far / (far - self.grid.reduced(pixels, largest=largest) * (far - near))
+            depth = _linear(self.grid.reduced(pixels, largest=largest), near, far)
             depths[rows, columns][part] = depth[part]
         dark = self.grid.holding(raw < 255, x, y)
         self.open[mask] = ~dark[mask]
@@ -212,10 +212,7 @@ class Canvas:
         """Return the depth at the first sample of every pixel, (height, width) metres; ``far`` where nothing was drawn."""
         width, height = self.targets.surfaces.size
         window = _read(self.targets.surfaces.framebuffer, Area(0, 0, width, height), 1, "f4", -1).reshape(height, width)
-        depth: NDArray[np.float32] = np.float32(near * far) / (
-            far - window[::SAMPLES, ::SAMPLES] * np.float32(far - near)
-        )
-        return depth
+        return _linear(window[::SAMPLES, ::SAMPLES], near, far)
 
     def read_smooth(self, area: Area) -> NDArray[np.uint8]:
         """Return the ambient occlusion of an area after the blur, (height, width)."""
@@ -237,6 +234,11 @@ class Canvas:
 
 
 _TYPES = {"f1": np.uint8, "f2": np.float16, "f4": np.float32, "u2": np.uint16}
+
+
+def _linear(window: NDArray[np.float32], near: float, far: float) -> NDArray[np.float32]:
+    """Return the depth along the optical axis, metres, of depths in the window, as in ``sample.glsl``."""
+    return np.float32(near * far) / (np.float32(near) * window + np.float32(far) * (1 - window))
 
 
 def _read(framebuffer: moderngl.Framebuffer, area: Area, components: int, dtype: str, attachment: int = 0) -> NDArray:  # type: ignore[type-arg]

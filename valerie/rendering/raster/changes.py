@@ -12,7 +12,7 @@ from valerie.rendering.projection import Points
 from valerie.rendering.raster.canvas import StaticSurfaces
 from valerie.rendering.raster.gl.bounds import Reach
 from valerie.rendering.raster.gl.tiles import TILE, Mask, widened
-from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, ShadowMap
+from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, ShadowMap
 from valerie.scene.graph.model import Camera
 
 #: Largest distance by which a caster may lie behind a receiver along the light and still count, metres: the rise of the
@@ -85,7 +85,8 @@ def shadowed_tiles(
     near, far = surfaces.nearest[rows, columns], surfaces.farthest[rows, columns]
     spans = np.concatenate([edges * near[:, None, None], edges * far[:, None, None]], axis=1) + eye
     low, high = spans.min(axis=1), spans.max(axis=1)
-    border = LARGEST_PENUMBRA + 2 * float(light.extent[:2].max()) / shadow.target.size[0] + 0.03
+    beside = 0.012 + 4 * SHADOW_DISTANCE**2 / camera.near * 2**-24  # as in ``sunlit`` of ``lighting.frag``
+    border = LARGEST_PENUMBRA + 2 * float(light.extent[:2].max()) / shadow.target.size[0] + 0.02 + beside
     boxes = [corners @ light.rows.T for corners in bodies]
     # Few tiles are near any movable, so few need a test against each of them.
     near_any = np.flatnonzero(_meets(low, high, np.concatenate(boxes), border))

@@ -389,6 +389,17 @@ def test_no_sunlight_passes_through_a_head(raster: RasterRenderer, movable: bool
     assert pixels[facing < -0.15].max() <= (0.0 if movable else 0.05 * pixels.max())
 
 
+@pytest.mark.parametrize("away", [40.0, 90.0, 120.0])
+def test_a_sunlit_wall_does_not_shadow_itself_however_far_it_is(raster: RasterRenderer, away: float) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 5), 0, 0, 0), focal_length_mm=200.0, near=0.1, far=600.0)
+    wall = box_mesh((-20, away, -5), (20, away + 8, 15), "wall")
+    scene = one_mesh(wall, Material("wall", (0.5, 0.5, 0.5), roughness=1.0, specular=0.0), camera, elevation=35.0)
+    for azimuth in (140.0, 180.0, 230.0):
+        shining = replace(scene, sun=replace(scene.sun, azimuth=math.radians(azimuth)))
+        pixels = raster.full(shining, View("camera-1", 160, 90)).pixels[20:70, 20:140, 1].astype(np.float64)
+        np.testing.assert_allclose(pixels, np.median(pixels), rtol=0.02)
+
+
 @pytest.mark.parametrize("movable", [False, True])
 def test_shadows_fall_where_rays_to_the_sun_are_blocked(raster: RasterRenderer, movable: bool) -> None:
     scene, view = apply({"scene.sun-1.azimuth": 250.0}, simple_asset()), View("camera-1", 320, 180)

@@ -150,7 +150,9 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     float side = n.z < 0.0 ? 1.0 : -1.0;
     // dz/dx and dz/dy of the surface in the light's frame. They are clamped, since a surface along the light has no useful slope.
     vec2 slope = clamp(-n.xy / (abs(n.z) < 0.05 ? -side * 0.05 : n.z), vec2(-6.0), vec2(6.0));
-    vec3 receiver = light_rows * (p + normal * (side * 0.012));
+    // Far from the eye, the steps of 2⁻²⁴ of the window's depth are wide.
+    float step_here = depth * depth / near_far.x * exp2(-24.0);
+    vec3 receiver = light_rows * (p + normal * (side * (0.012 + 4.0 * step_here)));
     // No taps are needed if all casters around lie behind the planes of the taps, or all in front of them.
     vec3 at = (receiver - static_origin) / static_extent;
     bool inside = all(greaterThan(at, vec3(0.0))) && all(lessThan(at, vec3(1.0)));

@@ -44,7 +44,7 @@ void main() {
         bent = max(bent, dot(f, f));
     }
     // Inverse depth is linear over the image and in window depth.
-    vec4 near = near_far.y - window * (near_far.y - near_far.x);
+    vec4 near = near_far.x * window + near_far.y * (1.0 - window);
     float nearest = max(max(near.x, near.y), max(near.z, near.w)), farthest = min(min(near.x, near.y), min(near.z, near.w));
     one = one && nearest - farthest < DEPTHS * nearest && bent < FACES * FACES * dot(face, face)
         && rough < BUMPS * BUMPS * dot(bump, bump) && all(lessThan(window, vec4(1.0)));

@@ -6,7 +6,8 @@ uniform vec3 eye;
 uniform mat3 ray_basis;        // columns: right and up at the image's edge, forward, at depth 1
 
 float linear_depth(float window) {
-    return near_far.x * near_far.y / (near_far.y - window * (near_far.y - near_far.x));
+    // 1 − window has no rounding error.
+    return near_far.x * near_far.y / (near_far.x * window + near_far.y * (1.0 - window));
 }
 
 // Ray through a place in the image, counted in samples, with depth 1 along the optical axis.
