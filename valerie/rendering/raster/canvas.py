@@ -238,7 +238,7 @@ _TYPES = {"f1": np.uint8, "f2": np.float16, "f4": np.float32, "u2": np.uint16}
 
 def _linear(window: NDArray[np.float32], near: float, far: float) -> NDArray[np.float32]:
     """Return the depth along the optical axis, metres, of depths in the window, as in ``sample.glsl``."""
-    return np.float32(near * far) / (np.float32(near) * window + np.float32(far) * (1 - window))
+    return (near * far / (near * window + far * (1 - window))).astype(np.float32, copy=False)
 
 
 def _read(framebuffer: moderngl.Framebuffer, area: Area, components: int, dtype: str, attachment: int = 0) -> NDArray:  # type: ignore[type-arg]
