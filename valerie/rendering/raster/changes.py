@@ -10,7 +10,7 @@ import numpy as np
 from valerie.rendering.base import View
 from valerie.rendering.projection import Points
 from valerie.rendering.raster.canvas import StaticSurfaces
-from valerie.rendering.raster.gl.bounds import Reach
+from valerie.rendering.raster.gl.bounds import Reach, touched_places
 from valerie.rendering.raster.gl.tiles import TILE, Mask, widened
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, ShadowMap
 from valerie.scene.graph.model import Camera
@@ -50,6 +50,29 @@ def occluded_tiles(
     apart = (surfaces.nearest > depths.max() + radius) | (surfaces.farthest < depths.min() - radius)
     reached: Mask = body | (near & ~(surfaces.open & apart))
     return reached
+
+
+def touched_tiles(bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, reach: Reach) -> Mask:
+    """Return the tiles in which movables may cast contact shadows.
+
+    Args:
+        bodies: (8, 3) world corners of the movables' boxes.
+        surfaces: the statics seen by the camera.
+        camera, view: the camera and the size of its image.
+        reach: reach of the engine's filters.
+    """
+    touched = np.zeros_like(surfaces.open)
+    for places in touched_places(bodies, camera, view, reach):
+        if len(places):
+            pixels = np.stack([places[:, 0], view.height - places[:, 1]], axis=1)
+            limits = np.array([touched.shape[1], touched.shape[0]])
+            left, bottom = np.clip(np.floor((pixels.min(axis=0) - 1) / TILE), 0, limits).astype(int)
+            right, top = np.clip(np.ceil((pixels.max(axis=0) + 1) / TILE), 0, limits).astype(int)
+            part = np.s_[bottom:top, left:right]
+            touched[part] |= (surfaces.nearest[part] < places[:, 2].max() + 0.05) & (
+                surfaces.farthest[part] > places[:, 2].min() - 0.05
+            )
+    return touched
 
 
 def shadowed_tiles(

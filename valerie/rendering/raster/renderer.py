@@ -16,7 +16,7 @@ from valerie.rendering.lamps import glowing, keeping_hue, lit_lamps, with_lit_ro
 from valerie.rendering.person_light import Received
 from valerie.rendering.projection import LightView, drawing_matrices
 from valerie.rendering.raster.canvas import Canvas, StaticImage, StaticSurfaces
-from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
+from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles, touched_tiles
 from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
 from valerie.rendering.raster.gl.targets import SAMPLES, ScreenPass, area_of, surface_target
@@ -37,7 +37,14 @@ from valerie.scene.graph.model import Camera, Scene
 
 #: Reach of the engine's effects. The filters add up: the cell of sky light that a sample takes is at most 4 pixels away (the
 #: blur of ambient occlusion and its neighbours reach 3), the tent filter reaches 1, and rounding 1.
-REACH: Final = Reach(occlusion_radius=0.7, largest_occlusion=48.0, penumbra=LARGEST_PENUMBRA + 0.1, filters=7)
+REACH: Final = Reach(
+    occlusion_radius=0.7,
+    largest_occlusion=48.0,
+    penumbra=LARGEST_PENUMBRA + 0.1,
+    filters=7,
+    contact_radius=1.25,
+    contact_rise=1.5,
+)
 #: Reach of a changed sample of the G-buffer, and of a changed value of ambient occlusion, pixels (see above).
 _SURFACE_REACH: Final = 6
 _OCCLUSION_REACH: Final = 3
@@ -241,15 +248,15 @@ class RasterRenderer:
 
     @contextmanager
     def _lit(self, frame: _Frame, *, movables: bool, mirrors: bool = True) -> Iterator[LitFrame]:
-        shadow = None
+        shadows = None
         if movables and frame.prepared.placed:
-            shadow = self._shadows.movable(frame.prepared, frame.day.shadow.light, frame.table)
+            shadows = self._shadows.movable(frame.prepared, frame.day.shadow.light, frame.table)
         lit = self._lighting.bind(
             frame.canvas.targets,
             self._mirroring(frame) if mirrors else Surfaces(frame.surfaces.target, frame.table, None),
             Viewpoint(frame.camera, frame.view),
             frame.day,
-            shadow,
+            shadows,
             self._lamplight(frame, movables=movables),
         )
         try:
@@ -311,7 +318,9 @@ class RasterRenderer:
         box = covered_rectangle(bodies, camera, view)
         region = grid.touching(area)
         surface, body = self._draw(frame, area_of(box, view))
-        occluded: Mask = occluded_tiles(body, bodies, surfaces, camera, view, REACH) & region
+        occluded: Mask = occluded_tiles(body, bodies, surfaces, camera, view, REACH)
+        occluded |= touched_tiles(bodies, surfaces, camera, view, REACH)
+        occluded &= region
         smoothed: Mask = widened(occluded) & region
         with self._lit(frame, movables=True) as lit:
             canvas.occluded &= ~occluded

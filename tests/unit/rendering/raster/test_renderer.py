@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -102,6 +103,45 @@ def test_frames_in_a_row_with_persons_and_cars_under_one_light_are_those_from_sc
     images = [raster.layer(scene, view).over(background) for scene in frames]
     for scene, image in zip(frames, images, strict=True):
         assert_same(image, raster.full(scene, view))
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [((-0.9, -2.1, 0.2), (0.9, 2.1, 1.4)), ((-0.15, -0.15, 0.0), (0.15, 0.15, 1.75))]
+)
+def test_movables_hide_the_sky_from_the_ground_beside_and_below_them(
+    raster: RasterRenderer, low: tuple[float, float, float], high: tuple[float, float, float]
+) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0, -6, 0.15), 0, -1, 0), focal_length_mm=60.0)
+    floor = box_mesh((-30, -30, -1), (30, 30, 0), "floor")
+    scene = one_mesh(floor, Material("floor", (0.04,) * 3, roughness=1.0, specular=0.0), camera)
+    body = Node("scene.car-1", np.eye(4), (box_mesh(low, high, "black"),), movable=True, label_id=26)
+    black = Material("black", (0.0,) * 3, roughness=1.0, specular=0.0)
+    scene = replace(
+        scene,
+        nodes={**scene.nodes, body.path: body},
+        materials={**scene.materials, "black": black},
+        environment=Environment(cloud_cover=1.0),
+    )
+    view, alone = View("camera-1", 320, 120), triangles_of(replace(scene, nodes={body.path: body}))
+    rays = pixel_rays(camera, view).reshape(-1, 3)
+    ground = rays[:, 2] < 0
+    places = camera.position + rays * (-camera.position[2] / np.where(ground, rays[:, 2], -1.0))[:, None]
+    out = np.linalg.norm(np.maximum(np.abs(places[:, :2]) - high[:2], 0), axis=1)
+    # Pixels beside the body's own are partly covered by it.
+    own = alone.intersector.intersects_any(np.broadcast_to(camera.position, rays.shape), rays).reshape(120, 320)
+    seen = ground & (out < 1.5) & ~cv2.dilate(own.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool).ravel()
+    directions = even_directions(256)
+    weights = directions[:, 2] * (1 + 2 * directions[:, 2])  # the overcast sky of the CIE, on level ground
+    open_to = [~blocked(alone, places[seen] + [0, 0, 1e-4], direction) for direction in directions]
+    expected = weights @ np.array(open_to) / weights.sum()
+    with_body, without = (
+        image.pixels[..., 1].astype(np.float64) for image in (raster.full(scene, view), raster.background(scene, view))
+    )
+    measured = (with_body / without).ravel()[seen]
+    # A requirement of ours: a sixth of the sky's light, and a quarter below the body, where little is left.
+    assert np.abs(measured - expected)[out[seen] > 0].max() < 1 / 6
+    assert np.abs(measured - expected).max() < 1 / 4
+    assert measured.min() < 0.7
 
 
 def test_the_layer_is_no_larger_than_the_changes_by_the_person(raster: RasterRenderer) -> None:

@@ -1,5 +1,6 @@
 """Weather in the raster engine: the effects of each parameter."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -93,9 +94,12 @@ def test_a_black_wall_in_fog_keeps_the_contrast_of_koschmieders_law(raster: Rast
     assert (fog > clear).all()
 
 
-def test_movables_cast_no_shadow_under_an_overcast_sky(raster: RasterRenderer) -> None:
-    with_sun = raster.layer(in_weather(), VIEW).rectangle
-    without = raster.layer(in_weather(cloud_cover=1.0), VIEW).rectangle
+def test_movables_cast_no_long_shadow_under_an_overcast_sky(raster: RasterRenderer) -> None:
+    low_sun, overcast = (
+        replace(scene, sun=replace(scene.sun, elevation=math.radians(15.0)))
+        for scene in (in_weather(), in_weather(cloud_cover=1.0))
+    )
+    with_sun, without = raster.layer(low_sun, VIEW).rectangle, raster.layer(overcast, VIEW).rectangle
     assert 0 < without.width * without.height < with_sun.width * with_sun.height
 
 

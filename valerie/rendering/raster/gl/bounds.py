@@ -1,8 +1,9 @@
 """The rectangle of an image that movables can change: a bound that is never too small, by construction.
 
-A movable changes pixels in four ways: by its own pixels, by its shadow (a prism from its box away from the sun down to the lowest
-ground), by ambient occlusion (within a screen radius that shrinks with depth), and through filters of a few pixels. There is no
-other way: the raster engine mirrors only statics, and movables reflect no light onto other surfaces.
+A movable changes pixels in five ways: by its own pixels, by its shadow (a prism from its box away from the sun down to the lowest
+ground), by ambient occlusion (within a screen radius that shrinks with depth), by contact shadows (in a box around its own), and
+through filters of a few pixels. There is no other way: the raster engine mirrors only statics, and movables reflect no light onto
+other surfaces.
 """
 
 from __future__ import annotations
@@ -27,12 +28,16 @@ class Reach:
         largest_occlusion: largest screen radius of ambient occlusion, pixels.
         penumbra: widest shadow edge, metres.
         filters: sum of the radii of blurs, antialiasing and neighbour selection, pixels.
+        contact_radius: distance across, beyond which contact shadows are exactly zero, metres.
+        contact_rise: the same up and down.
     """
 
     occlusion_radius: float
     largest_occlusion: float
     penumbra: float
     filters: int
+    contact_radius: float = 0.0
+    contact_rise: float = 0.0
 
     def occlusion_pixels(self, nearest: float, focal: float) -> int:
         """Return the width, in pixels, of the margin that a movable with its nearest point at depth ``nearest`` may occlude.
@@ -68,6 +73,10 @@ def changed_rectangle(
             around = reach.occlusion_pixels(float(body[:, 2].min()), focal)
             low = np.minimum(low, body[:, :2].min(axis=0) - around)
             high = np.maximum(high, body[:, :2].max(axis=0) + around)
+    for touched in touched_places(hulls, camera, view, reach):
+        if len(touched):
+            low = np.minimum(low, touched[:, :2].min(axis=0))
+            high = np.maximum(high, touched[:, :2].max(axis=0))
     if toward_sun[2] > 0:
         prisms = [_shadow_prism(corners, toward_sun, lowest, reach.penumbra) for corners in hulls]
         for shadow in _seen(prisms, camera, view):
@@ -83,6 +92,12 @@ def changed_rectangle(
     if not size.all():
         return Rectangle(0, 0, 0, 0)
     return Rectangle(int(first[0]), int(first[1]), int(size[0]), int(size[1]))
+
+
+def touched_places(boxes: Iterable[Points], camera: Camera, view: View, reach: Reach) -> list[Points]:
+    """Return pixels and depths, (N, 3), that bound the places with contact shadows of each box ((8, 3) world corners)."""
+    around = np.array([reach.contact_radius, reach.contact_radius, reach.contact_rise])
+    return _seen([_widened(corners, around) for corners in boxes], camera, view)
 
 
 def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x: int = 0, pad_y: int = 0) -> Rectangle:
@@ -138,7 +153,11 @@ def _seen(hulls: Sequence[Points], camera: Camera, view: View) -> list[Points]:
 
 def _shadow_prism(corners: Points, toward_sun: Points, lowest: float, penumbra: float) -> Points:
     """Return (128, 3) points that span a box, extended by the penumbra, and its shadow down to height ``lowest``."""
-    cube = box_corners(np.full(3, -penumbra), np.full(3, penumbra))
-    top = (corners[:, None] + cube[None]).reshape(-1, 3)
+    top = _widened(corners, np.full(3, penumbra))
     drop = max(float(top[:, 2].max()) - lowest, 0.0) + penumbra
     return np.concatenate([top, top - toward_sun * (drop / max(float(toward_sun[2]), 1e-4))])
+
+
+def _widened(corners: Points, around: Points) -> Points:
+    """Return points that span a box and everything within ``around``, (3,) metres, of it."""
+    return (corners[:, None] + box_corners(-around, around)[None]).reshape(-1, 3)

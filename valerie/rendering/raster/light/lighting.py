@@ -26,7 +26,14 @@ from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVI
 from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
 from valerie.rendering.raster.light.pane_image import PaneImage
 from valerie.rendering.raster.light.panorama import SKY_DISTANCE, Panorama
-from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
+from valerie.rendering.raster.light.shadows import (
+    LARGEST_PENUMBRA,
+    SHADOW_DISTANCE,
+    SKY_TILES,
+    MovableShadows,
+    ShadowMap,
+    SkyMaps,
+)
 from valerie.rendering.raster.upload.drawing import table_texture
 from valerie.rendering.raster.upload.nearby import nearby
 from valerie.rendering.raster.upload.surroundings import from_below, reflected, sky_weights, snowed
@@ -157,6 +164,7 @@ class Lighting:
             for name in ("openness.frag", "skylight.frag")
         )
         self.occlusion = ScreenPass(gl, context.program("screen.vert", "occlusion.frag"))
+        self.contact = ScreenPass(gl, context.program("screen.vert", "occlusion.frag", MOVABLES=1))
         self.blur = ScreenPass(gl, context.program("screen.vert", "blur.frag"))
         self.plain = ScreenPass(gl, context.program("screen.vert", "plain.frag"))
         self.detail = ScreenPass(gl, context.program("screen.vert", "detail.frag"))
@@ -197,7 +205,7 @@ class Lighting:
         surfaces: Surfaces,
         viewpoint: Viewpoint,
         day: Daylight,
-        movable_shadow: ShadowMap | None = None,
+        movables: MovableShadows | None = None,
         lamps: LampLight | None = None,
     ) -> LitFrame:
         """Bind the passes to their inputs for one frame.
@@ -207,10 +215,11 @@ class Lighting:
             surfaces: the surfaces to light.
             viewpoint: the camera and the size of its image.
             day: sun and sky.
-            movable_shadow: shadow map of the movables; None without movables.
+            movables: shadow maps of the movables; None without movables.
             lamps: light of the lamps; None if no lamp is on.
         """
         camera = _sample_values(viewpoint)
+        movable_shadow, soles = (None, None) if movables is None else (movables.sun, movables.below)
         textures = _shading_textures(targets, surfaces, day, movable_shadow)
         values: dict[str, Uniform] = {
             **camera,
@@ -244,7 +253,10 @@ class Lighting:
         radiance = {"radiance": targets.radiance.colors[0], "plain_radiance": targets.plain_radiance.colors[0]}
         return LitFrame(
             occlusion=_Step(
-                self.occlusion, targets.occlusion, geometry, {**camera, **self._occlusion_values(viewpoint)}
+                self.occlusion if soles is None else self.contact,
+                targets.occlusion,
+                geometry if soles is None else geometry | {"soles": soles.texture},
+                {**camera, **self._occlusion_values(viewpoint, soles)},
             ),
             smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, camera),
             openness=_Step(
@@ -271,17 +283,21 @@ class Lighting:
             needs=needs,
         )
 
-    def _occlusion_values(self, viewpoint: Viewpoint) -> Uniforms:
-        return {
+    def _occlusion_values(self, viewpoint: Viewpoint, soles: ShadowMap | None) -> Uniforms:
+        values: dict[str, Uniform] = {
             "radius": self._reach.occlusion_radius,
             "largest_radius": self._reach.largest_occlusion,
             "focal": viewpoint.camera.focal_length_px(viewpoint.view.width),
         }
+        if soles is not None:
+            values |= {"soles_origin": soles.light.origin, "soles_extent": soles.light.extent}
+            values["contact_reach"] = (self._reach.contact_radius, self._reach.contact_rise)
+        return values
 
     def release(self) -> None:
         """Free the passes."""
         for screen_pass in (
-            self.openness, self.skylight, self.occlusion, self.blur, self.plain, self.detail, self.resolve,
+            self.openness, self.skylight, self.occlusion, self.contact, self.blur, self.plain, self.detail, self.resolve,
             *self._shading.values(),
         ):  # fmt: skip
             screen_pass.release()

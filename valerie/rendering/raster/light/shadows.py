@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Final
 
@@ -24,7 +25,7 @@ from valerie.rendering.raster.gl.targets import RenderTarget
 from valerie.rendering.raster.gl.tiles import Mask
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 from valerie.rendering.raster.upload.surroundings import SurfaceSample, prominence
-from valerie.scene.graph.model import Camera
+from valerie.scene.graph.model import Camera, Matrix
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.upload.context import GraphicsContext
@@ -194,13 +195,21 @@ class SkyMaps:
             texture.release()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MovableShadows:
+    """The movables of a frame as the sun sees them, and from below (``contact.glsl``)."""
+
+    sun: ShadowMap
+    below: ShadowMap
+
+
 class Shadows:
     """Draws shadow maps."""
 
     def __init__(self, context: GraphicsContext) -> None:
         self._context = context
         self._drawer = SurfaceDrawer(context, "shape.frag", all_faces=True, panes="not")
-        self._movable: dict[int, ShadowMap] = {}
+        self._movable: dict[tuple[str, int], ShadowMap] = {}
 
     def static(self, statics: Statics, light: LightView, table: moderngl.Texture) -> ShadowMap:
         """Draw the statics' shadow map for a view of `static_view`."""
@@ -211,21 +220,28 @@ class Shadows:
         shadow.survey()
         return shadow
 
-    def movable(self, prepared: Prepared, static: LightView, table: moderngl.Texture) -> ShadowMap:
-        """Draw the movables' shadow map in the axes of the statics' map. It is valid until the next call."""
+    def movable(self, prepared: Prepared, static: LightView, table: moderngl.Texture) -> MovableShadows:
+        """Draw the movables, as the sun sees them in the axes of the statics' map, and from below. Valid until the next call."""
         geometry = prepared.statics.geometry
+        receivers = box_corners(geometry.low, geometry.high)
+        return MovableShadows(
+            self._of_movables("sun", prepared, static.rows, receivers, table),
+            self._of_movables("below", prepared, light_axes(np.array([0.0, 0.0, -1.0])), np.empty((0, 3)), table),
+        )
+
+    def _of_movables(
+        self, light: str, prepared: Prepared, rows: Matrix, receivers: Points, table: moderngl.Texture
+    ) -> ShadowMap:
         bodies = np.concatenate([mesh.corners for mesh in prepared.placed])
-        depths = np.concatenate([bodies, box_corners(geometry.low, geometry.high)])
-        close = float(np.ptp(bodies @ static.rows[:2].T, axis=0).max()) <= _CLOSE
-        side = CLOSE_MAP if close else MOVABLE_MAP
-        light = fit_light_view(static.rows, bodies, depths, side, LARGEST_PENUMBRA + 0.1)
-        if side not in self._movable:
-            self._movable[side] = ShadowMap(self._context.gl, light, side)
-        shadow = self._movable[side]
-        shadow.light = light
+        side = CLOSE_MAP if float(np.ptp(bodies @ rows[:2].T, axis=0).max()) <= _CLOSE else MOVABLE_MAP
+        view = fit_light_view(rows, bodies, np.concatenate([bodies, receivers]), side, LARGEST_PENUMBRA + 0.1)
+        if (light, side) not in self._movable:
+            self._movable[light, side] = ShadowMap(self._context.gl, view, side)
+        shadow = self._movable[light, side]
+        shadow.light = view
         shadow.target.use()
         shadow.target.clear()
-        values = {"clip_from_world": light.clip_from_world}
+        values = {"clip_from_world": view.clip_from_world}
         self._drawer.movables(prepared.placed, prepared.statics.textures, table, values)
         return shadow
 

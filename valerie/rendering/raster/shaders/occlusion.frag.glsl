@@ -8,6 +8,9 @@ uniform sampler2D normals_map;
 uniform float radius;          // metres
 uniform float largest_radius;  // pixels
 uniform float focal;           // pixels
+#ifdef MOVABLES
+#include "contact.glsl"
+#endif
 layout(location = 0) out float out_open;
 const int TAPS = 12;
 
@@ -35,4 +38,7 @@ void main() {
         sum += near * near * near * max(dot(v, normal) - 0.002 * depth, 0.0) / (dot(v, v) + 0.01 * radius);
     }
     out_open = max(0.0, 1.0 - sum * 2.2 / float(TAPS) * sqrt(radius));
+#ifdef MOVABLES
+    out_open *= open_beside_movables(eye + p, normal, direction(turn), fract(7.0 * turn / 6.2831853));
+#endif
 }
