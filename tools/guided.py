@@ -1,6 +1,7 @@
 """Ask several questions about the domain of ``examples/guided.yaml``, and keep the report of each in ``docs/guided/``.
 
-``make guided`` calls this. Stored products are reused, so an interrupted command goes on where it stopped.
+``make guided`` calls this. Stored products are reused, so an interrupted command goes on where it stopped. The verdicts of the
+boundary's map are judged by the variants of the plain Monte Carlo estimate, which it does not know.
 """
 
 from __future__ import annotations
@@ -11,9 +12,18 @@ import sys
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
+from valerie.db import studies
+from valerie.db.engine import reading
+from valerie.guided.map import Call, Map
+from valerie.local.deployment import context_of
+from valerie.pipeline.control.studies.advancing import informed_pursuit
+from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.plain import JsonObject
+from valerie.studies.pursuit import Pursuit
 
 ROOT: Final = Path(__file__).parents[1]
 SPEC: Final = ROOT / "examples" / "guided.yaml"
@@ -45,6 +55,7 @@ def main() -> None:
     example = yaml.safe_load(SPEC.read_text())
     MADE.mkdir(exist_ok=True)
     KEPT.mkdir(exist_ok=True)
+    ids: dict[str, str] = {}
     for name, changes in STUDIES.items():
         file = MADE / f"guided-{name}.yaml"
         file.write_text(yaml.safe_dump({**example, **changes, "name": name}, sort_keys=False))
@@ -54,10 +65,38 @@ def main() -> None:
         if done.returncode:
             raise SystemExit(done.returncode)
         study = json.loads(done.stdout.splitlines()[-1])
+        ids[name] = study["id"]
         batches = [batch for batch in study["batches"] if batch["legal"]]
         seconds = sum(batch["cpu_seconds"] or 0 for batch in batches)
         print(f"{name}: {sum(batch['legal'] for batch in batches)} variants, {seconds:.0f} CPU-s")
         print(*study["result"]["sentences"], sep="\n", flush=True)
+    print(judged(ids["boundary"], ids["failure-rate-plain"]))
+
+
+def judged(boundary: str, plain: str) -> str:
+    """Say how many verdicts of a map are wrong, by the variants of another study of its domain.
+
+    Args:
+        boundary, plain: ids of the studies.
+    """
+    strategy, points, scores = _told(boundary)[0].strategy, *_told(plain)[1:]
+    assert isinstance(strategy, Map)
+    calls = strategy.calls(points)
+    true = np.select([np.isnan(scores), scores < strategy.at_least], [Call.UNDEFINED, Call.FAIL], Call.PASS)
+    called = calls != Call.NOT_KNOWN
+    wrong = np.count_nonzero(calls[called] != true[called])
+    return f"boundary: {wrong} of its {np.count_nonzero(called)} verdicts on {len(points)} other variants are wrong"
+
+
+def _told(study_id: str) -> tuple[Pursuit, NDArray[np.float64], NDArray[np.float64]]:
+    """Return a study with its points and their scores."""
+    with context_of(None) as context:
+        with reading(context.engine) as connection:
+            study, batches = studies.get(connection, study_id), studies.batches(connection, study_id)
+        pursuit = informed_pursuit(resolve_row(context, study), batches)
+    known = [(batch.points, batch.outcomes.values) for batch in batches if batch.points and batch.outcomes]
+    points, scores = (np.concatenate([np.asarray(part[i], np.float64) for part in known]) for i in (0, 1))
+    return pursuit, points, scores
 
 
 if __name__ == "__main__":

@@ -82,13 +82,14 @@ class Pursuit:
         study: the study.
 
     Attributes:
+        strategy: the strategy of the study's goal.
         asked, told: numbers of batches, empty ones included.
     """
 
     def __init__(self, study: ResolvedStudy) -> None:
         self.study = study
         self.asked = self.told = 0
-        self._strategy = strategy_of(study)
+        self.strategy = strategy_of(study)
         self._batches: list[UnitPoints] = []
         self._levels: list[int] = []
 
@@ -120,7 +121,7 @@ class Pursuit:
             count: largest number of points.
         """
         self.tell_due(batches)
-        proposal = self._strategy.ask(count)
+        proposal = self.strategy.ask(count)
         self._check(proposal.points, count)
         self._batches.append(proposal.points)
         self._levels.append(proposal.level)
@@ -241,9 +242,9 @@ class Pursuit:
     def boundary(self) -> BoundarySlice | None:
         """Return the slice of a map over the two parameters that matter most; None for other goals, or too early."""
         known = self._known()
-        if not isinstance(self._strategy, Map) or not isinstance(known, Boundary):
+        if not isinstance(self.strategy, Map) or not isinstance(known, Boundary):
             return None
-        return slice_of(self._strategy, self.study.domain, known.nearest[0])
+        return slice_of(self.strategy, self.study.domain, known.nearest[0])
 
     def _engine(self, number: int) -> str:
         """Return the render engine of a batch as the end of a title; empty where the study has only one."""
@@ -259,7 +260,7 @@ class Pursuit:
         return list(first.values())
 
     def _known(self) -> Result | None:
-        strategy = self._strategy
+        strategy = self.strategy
         if isinstance(strategy, Estimate) and strategy.result is not None:
             return strategy.rate(1 - 0.05 / looks_of(self.study))
         return strategy.result
@@ -269,9 +270,9 @@ class Pursuit:
         for batch, points in zip(batches[self.told : end], self._batches[self.told : end], strict=True):
             if len(points):
                 assert batch.outcomes is not None, "only ended batches are told"
-                if isinstance(self._strategy, Cascade) and batch.outcomes.cpu_seconds is not None:
-                    self._strategy.spend(self._levels[self.told], batch.outcomes.cpu_seconds, len(points))
-                self._strategy.tell(points, batch.outcomes.values)
+                if isinstance(self.strategy, Cascade) and batch.outcomes.cpu_seconds is not None:
+                    self.strategy.spend(self._levels[self.told], batch.outcomes.cpu_seconds, len(points))
+                self.strategy.tell(points, batch.outcomes.values)
             self.told += 1
 
 
