@@ -250,7 +250,8 @@ class RasterRenderer:
     def _lit(self, frame: _Frame, *, movables: bool, mirrors: bool = True) -> Iterator[LitFrame]:
         shadows = None
         if movables and frame.prepared.placed:
-            shadows = self._shadows.movable(frame.prepared, frame.day.shadow.light, frame.table)
+            sunlight = frame.day.shadow.light if frame.day.sky.sun.max() > 0 else None
+            shadows = self._shadows.movable(frame.prepared, sunlight, frame.table)
         lit = self._lighting.bind(
             frame.canvas.targets,
             self._mirroring(frame) if mirrors else Surfaces(frame.surfaces.target, frame.table, None),

@@ -243,7 +243,7 @@ class Lighting:
             bounce = lamps.bounce
         values["below"] = day.light.ground if bounce is None else day.light.ground + bounce
         values["flake_light"] = day.sky.haze if lamps is None else day.sky.haze + FLAKE_VIEW * lamps.falling
-        needs = _needs(day.sky, movable_shadow, lamps)
+        needs = _needs(day.sky, movables, lamps)
         samples = _sample_textures(targets)
         geometry = {name: samples[name] for name in ("depth_map", "normals_map")}
         depth = {"depth_map": samples["depth_map"]}
@@ -475,13 +475,13 @@ def _lamp_values(lamps: LampLight) -> Uniforms:
     }
 
 
-def _needs(sky: Sky, movable_shadow: ShadowMap | None, lamps: LampLight | None) -> frozenset[Need]:
+def _needs(sky: Sky, movables: MovableShadows | None, lamps: LampLight | None) -> frozenset[Need]:
     """Return the features of the shading pass that a frame needs."""
     features: dict[Need, bool] = {
         "LAMPS": lamps is not None,
         "DIPPED": lamps is not None and lamps.dipped,
         "MOVING_LAMPS": lamps is not None and lamps.moving is not None,
-        "MOVABLES": movable_shadow is not None,
+        "MOVABLES": movables is not None,
         "RAIN": sky.wetness > 0 or sky.drops > 0,
         "SNOW": sky.snow_depth > 0,
         "LEAVES": sky.leaf_litter > 0,

@@ -197,9 +197,9 @@ class SkyMaps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovableShadows:
-    """The movables of a frame as the sun sees them, and from below (``contact.glsl``)."""
+    """The movables of a frame as the sun sees them, None if it does not shine, and from below (``contact.glsl``)."""
 
-    sun: ShadowMap
+    sun: ShadowMap | None
     below: ShadowMap
 
 
@@ -220,12 +220,12 @@ class Shadows:
         shadow.survey()
         return shadow
 
-    def movable(self, prepared: Prepared, static: LightView, table: moderngl.Texture) -> MovableShadows:
-        """Draw the movables, as the sun sees them in the axes of the statics' map, and from below. Valid until the next call."""
+    def movable(self, prepared: Prepared, static: LightView | None, table: moderngl.Texture) -> MovableShadows:
+        """Draw the movables from below and, in the axes of the statics' map, as the sun sees them. Valid until the next call."""
         geometry = prepared.statics.geometry
         receivers = box_corners(geometry.low, geometry.high)
         return MovableShadows(
-            self._of_movables("sun", prepared, static.rows, receivers, table),
+            None if static is None else self._of_movables("sun", prepared, static.rows, receivers, table),
             self._of_movables("below", prepared, light_axes(np.array([0.0, 0.0, -1.0])), np.empty((0, 3)), table),
         )
 
