@@ -14,7 +14,6 @@ from typing import Final
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from valerie.db import studies
 from valerie.db.engine import reading
@@ -23,7 +22,6 @@ from valerie.local.deployment import context_of
 from valerie.pipeline.control.studies.advancing import informed_pursuit
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.plain import JsonObject
-from valerie.studies.pursuit import Pursuit
 
 ROOT: Final = Path(__file__).parents[1]
 SPEC: Final = ROOT / "examples" / "guided.yaml"
@@ -74,29 +72,24 @@ def main() -> None:
 
 
 def judged(boundary: str, plain: str) -> str:
-    """Say how many verdicts of a map are wrong, by the variants of another study of its domain.
+    """Return a sentence on the wrong verdicts of a map, by the variants of another study of its domain.
 
     Args:
         boundary, plain: ids of the studies.
     """
-    strategy, points, scores = _told(boundary)[0].strategy, *_told(plain)[1:]
+    with context_of(None) as context:
+        with reading(context.engine) as connection:
+            study, batches = studies.get(connection, boundary), studies.batches(connection, boundary)
+            others = studies.batches(connection, plain)
+        strategy = informed_pursuit(resolve_row(context, study), batches).strategy
     assert isinstance(strategy, Map)
+    points = np.concatenate([np.asarray(batch.points) for batch in others if batch.outcomes])
+    scores = np.concatenate([np.asarray(batch.outcomes.values) for batch in others if batch.outcomes])
     calls = strategy.calls(points)
     true = np.select([np.isnan(scores), scores < strategy.at_least], [Call.UNDEFINED, Call.FAIL], Call.PASS)
     called = calls != Call.NOT_KNOWN
     wrong = np.count_nonzero(calls[called] != true[called])
     return f"boundary: {wrong} of its {np.count_nonzero(called)} verdicts on {len(points)} other variants are wrong"
-
-
-def _told(study_id: str) -> tuple[Pursuit, NDArray[np.float64], NDArray[np.float64]]:
-    """Return a study with its points and their scores."""
-    with context_of(None) as context:
-        with reading(context.engine) as connection:
-            study, batches = studies.get(connection, study_id), studies.batches(connection, study_id)
-        pursuit = informed_pursuit(resolve_row(context, study), batches)
-    known = [(batch.points, batch.outcomes.values) for batch in batches if batch.points and batch.outcomes]
-    points, scores = (np.concatenate([np.asarray(part[i], np.float64) for part in known]) for i in (0, 1))
-    return pursuit, points, scores
 
 
 if __name__ == "__main__":

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from valerie.rendering.base import View
-from valerie.rendering.projection import Points
+from valerie.rendering.projection import Points, view_from_world
 from valerie.rendering.raster.canvas import StaticSurfaces
-from valerie.rendering.raster.gl.bounds import Reach, touched_places
+from valerie.rendering.raster.gl.bounds import Reach, contact_hulls, covered_rectangle
+from valerie.rendering.raster.gl.targets import area_of
 from valerie.rendering.raster.gl.tiles import TILE, Mask, widened
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, ShadowMap
 from valerie.scene.graph.model import Camera
@@ -44,8 +45,7 @@ def occluded_tiles(
     near = widened(body)
     for steps in range(2, math.ceil((reach.largest_occlusion + 1) / TILE) + 2):
         near |= widened(body, steps) & (taps >= (steps - 1) * TILE)
-    matrix = np.linalg.inv(camera.transform)
-    depths = -(np.concatenate(list(bodies)) @ matrix[2, :3] + matrix[2, 3])
+    depths = _depths(np.concatenate(list(bodies)), camera)
     radius = reach.occlusion_radius + 0.01
     apart = (surfaces.nearest > depths.max() + radius) | (surfaces.farthest < depths.min() - radius)
     reached: Mask = body | (near & ~(surfaces.open & apart))
@@ -61,17 +61,11 @@ def touched_tiles(bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Ca
         camera, view: the camera and the size of its image.
         reach: reach of the engine's filters.
     """
-    touched = np.zeros_like(surfaces.open)
-    for places in touched_places(bodies, camera, view, reach):
-        if len(places):
-            pixels = np.stack([places[:, 0], view.height - places[:, 1]], axis=1)
-            limits = np.array([touched.shape[1], touched.shape[0]])
-            left, bottom = np.clip(np.floor((pixels.min(axis=0) - 1) / TILE), 0, limits).astype(int)
-            right, top = np.clip(np.ceil((pixels.max(axis=0) + 1) / TILE), 0, limits).astype(int)
-            part = np.s_[bottom:top, left:right]
-            touched[part] |= (surfaces.nearest[part] < places[:, 2].max() + 0.05) & (
-                surfaces.farthest[part] > places[:, 2].min() - 0.05
-            )
+    touched = surfaces.grid.none()
+    for hull in contact_hulls(bodies, reach):
+        tiles = surfaces.grid.touching(area_of(covered_rectangle([hull], camera, view), view))
+        depths = _depths(hull, camera)
+        touched |= tiles & (surfaces.nearest < depths.max() + 0.05) & (surfaces.farthest > depths.min() - 0.05)
     return touched
 
 
@@ -121,6 +115,13 @@ def shadowed_tiles(
     tiles = near_any[hit]
     shadowed[rows[tiles], columns[tiles]] = True
     return shadowed
+
+
+def _depths(points: Points, camera: Camera) -> Points:
+    """Return the depths, (N,) metres along the optical axis, of world points."""
+    matrix = view_from_world(camera)
+    depths: Points = -(points @ matrix[2, :3] + matrix[2, 3])
+    return depths
 
 
 def _meets(low: Points, high: Points, caster: Points, border: float) -> Mask:

@@ -73,16 +73,13 @@ def changed_rectangle(
             around = reach.occlusion_pixels(float(body[:, 2].min()), focal)
             low = np.minimum(low, body[:, :2].min(axis=0) - around)
             high = np.maximum(high, body[:, :2].max(axis=0) + around)
-    for touched in touched_places(hulls, camera, view, reach):
-        if len(touched):
-            low = np.minimum(low, touched[:, :2].min(axis=0))
-            high = np.maximum(high, touched[:, :2].max(axis=0))
+    shadows = contact_hulls(hulls, reach)
     if toward_sun[2] > 0:
-        prisms = [_shadow_prism(corners, toward_sun, lowest, reach.penumbra) for corners in hulls]
-        for shadow in _seen(prisms, camera, view):
-            if len(shadow):
-                low = np.minimum(low, shadow[:, :2].min(axis=0))
-                high = np.maximum(high, shadow[:, :2].max(axis=0))
+        shadows += [_shadow_prism(corners, toward_sun, lowest, reach.penumbra) for corners in hulls]
+    for shadow in _seen(shadows, camera, view):
+        if len(shadow):
+            low = np.minimum(low, shadow[:, :2].min(axis=0))
+            high = np.maximum(high, shadow[:, :2].max(axis=0))
     if not np.isfinite(low).all():
         return Rectangle(0, 0, 0, 0)
     limit = np.array([view.width, view.height])
@@ -94,10 +91,10 @@ def changed_rectangle(
     return Rectangle(int(first[0]), int(first[1]), int(size[0]), int(size[1]))
 
 
-def touched_places(boxes: Iterable[Points], camera: Camera, view: View, reach: Reach) -> list[Points]:
-    """Return pixels and depths, (N, 3), that bound the places with contact shadows of each box ((8, 3) world corners)."""
+def contact_hulls(boxes: Iterable[Points], reach: Reach) -> list[Points]:
+    """Return (64, 3) world points that span the places with contact shadows of each box, (8, 3) world corners."""
     around = np.array([reach.contact_radius, reach.contact_radius, reach.contact_rise])
-    return _seen([_widened(corners, around) for corners in boxes], camera, view)
+    return [_widened(corners, around) for corners in boxes]
 
 
 def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x: int = 0, pad_y: int = 0) -> Rectangle:
