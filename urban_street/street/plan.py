@@ -63,10 +63,9 @@ class StreetSettings(BaseModel):
     side_street: Literal["none", "left", "right", "both"] = "right"
     surface: Literal["asphalt", "paving"] = "asphalt"
     season: Season = "summer"
-    # A later argument is part of the asset's digest only where it changes something.
-    signs: Literal["drawn", "catalogue"] = Field(default="drawn", exclude_if=lambda signs: signs == "drawn")
-    trees: Literal["triangles", "clusters"] = Field(default="triangles", exclude_if=lambda trees: trees == "triangles")
-    cars: Literal["usual", "varied"] = Field(default="usual", exclude_if=lambda cars: cars == "usual")
+    signs: Literal["drawn", "catalogue"] = "catalogue"
+    trees: Literal["triangles", "clusters"] = "clusters"
+    cars: Literal["usual", "varied"] = "varied"
 
 
 @dataclass(frozen=True, slots=True)
