@@ -16,7 +16,7 @@ from PIL import Image
 from tools.contact_sheet import captioned, contact_sheet, save_sheet
 from urban_street.signs.faces import MIDDLE_M, face_materials, face_textures, faces, plate
 from urban_street.solids.surfaces import Bag, pose, quads
-from urban_street.street.foliage import build_clustered_tree, clad
+from urban_street.street.foliage import build_tree, clad
 from urban_street.street.materials import foliage_materials, foliage_textures, make_materials, make_textures
 from urban_street.street.plan import Season, StreetSettings
 from urban_street.street.species import SPECIES
@@ -56,7 +56,7 @@ def _rng() -> np.random.Generator:
 
 
 def _tree(engine: RasterRenderer, kind: str, season: Season) -> Image.Image:
-    bag = build_clustered_tree(SPECIES[kind], _rng(), kind)
+    bag = build_tree(SPECIES[kind], _rng(), kind)
     return _portrait(engine, bag, f"{kind}, {season}", SPECIES[kind].shape.height, season)
 
 

@@ -1,4 +1,4 @@
-"""The traffic signs of a generated street whose faces can vary (`StreetSettings.signs`). They belong to the background."""
+"""The traffic signs of a generated street whose faces can vary. They belong to the background."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from urban_street.signs.faces import LIKE_DRAWN, face_materials, face_textures, faces, plate
+from urban_street.signs.faces import PLACED, face_materials, face_textures, faces, plate
 from urban_street.street.plan import PEOPLE_Y, Placement, StreetLayout, nearest
 from valerie.parameters.declaring import choice
 from valerie.parameters.definitions import Affects, ParameterDefinition
@@ -20,15 +20,13 @@ _COUNT: Final = 4
 
 
 def varied_signs(layout: StreetLayout) -> list[Placement]:
-    """Return the signs with a parameter, nearest to the people first; none if the street draws its faces itself."""
-    if layout.settings.signs == "drawn":
-        return []
+    """Return the signs with a parameter, nearest to the people first."""
     return nearest((placement for placement in layout.placements if placement.kind == "face"), _COUNT, PEOPLE_Y)
 
 
 def sign_parameters(sign: Placement) -> Iterator[ParameterDefinition]:
-    """Yield the parameter of a sign. The default shows what the street draws there."""
-    own = LIKE_DRAWN[sign.variant]
+    """Yield the parameter of a sign. The default is what the layout places there."""
+    own = PLACED[sign.variant]
     yield choice(f"{sign.path}.face", (*faces(), ABSENT), own, Affects.GEOMETRY, "face of the sign, or absent")
 
 
@@ -38,7 +36,7 @@ def with_faces(
     """Return the nodes, with all faces below those of ``signs``, only their own visible, and what the faces are made of."""
     if not signs:
         return list(nodes), {}, {}
-    own = {sign.path: LIKE_DRAWN[sign.variant] for sign in signs}
+    own = {sign.path: PLACED[sign.variant] for sign in signs}
     several: list[Node] = []
     for node in nodes:
         if node.path not in own:

@@ -1,4 +1,4 @@
-"""Test the trees with drawn clusters of leaves: meshes, size, leaves by season, what is cut out, and the street that has them."""
+"""Test the trees: meshes, size, leaves by season, what is cut out, and the street that has them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from urban_street.street.foliage import build_clustered_tree, cards, clad
+from urban_street.street.foliage import build_tree, cards, clad
 from urban_street.street.layout import layout_street
 from urban_street.street.materials import foliage_materials, make_materials
 from urban_street.street.plan import Season, StreetSettings
 from urban_street.street.species import HEDGE_LEAF, SPECIES
 from urban_street.street.textures.sprays import CELL, CUTOFF, spray
 from valerie.color import srgb_to_linear
-from valerie.scene.assets.asset import asset_manifest, load_asset
+from valerie.scene.assets.asset import load_asset
 from valerie.scene.graph.model import Mesh
 
 EVERGREEN = {"spruce", "pine"}
@@ -26,7 +26,7 @@ EVERGREEN = {"spruce", "pine"}
 @lru_cache
 def tree(kind: str, *, far: bool = False) -> tuple[Mesh, ...]:
     species = SPECIES[kind].from_afar() if far else SPECIES[kind]
-    return build_clustered_tree(species, np.random.default_rng(3), kind).meshes()
+    return build_tree(species, np.random.default_rng(3), kind).meshes()
 
 
 def is_foliage(mesh: Mesh) -> bool:
@@ -143,35 +143,16 @@ def test_greenery_keeps_to_its_box() -> None:
         assert (mesh.positions.max(axis=0) < high + 0.25).all()
 
 
-def test_a_street_of_clusters_has_the_places_of_the_street_of_triangles() -> None:
-    """So whatever is legal in one is legal in the other, but for the thickness of trunks."""
-    first, second = (layout_street(StreetSettings(seed=4, trees=trees)) for trees in ("triangles", "clusters"))  # type: ignore[arg-type]
-    assert [(p.path, p.x, p.y, p.size) for p in first.placements] == [
-        (p.path, p.x, p.y, p.size) for p in second.placements
-    ]
-    outlines = {footprint.path: shapely.Polygon(footprint.polygon) for footprint in second.footprints}
-    for footprint in first.footprints:
-        outline = shapely.Polygon(footprint.polygon)
-        assert outlines[footprint.path].hausdorff_distance(outline) < 0.13  # metres, between the trunks of two kinds
-    kinds = {p.kind.removeprefix("far-") for p in second.placements if p.object_class == "vegetation"}
+def test_a_street_has_several_kinds_of_trees() -> None:
+    placements = layout_street(StreetSettings(seed=4)).placements
+    kinds = {p.kind.removeprefix("far-") for p in placements if p.object_class == "vegetation"}
     assert len(kinds & SPECIES.keys()) >= 5
     assert kinds <= {*SPECIES, "hedge", "planter"}
 
 
-def test_defaults_are_not_part_of_the_digest() -> None:
-    default = asset_manifest("urban-street")
-    assert asset_manifest({"name": "urban-street", "trees": "triangles", "signs": "drawn"}) == default
-    assert asset_manifest({"name": "urban-street", "trees": "clusters"})[1] != default[1]
-    assert asset_manifest({"name": "urban-street", "trees": "clusters"})[0].parameters == default[0].parameters
-
-
 def test_a_street_has_only_the_materials_of_its_trees() -> None:
-    plain, clustered = (
-        load_asset({"name": "urban-street", "trees": trees}).base for trees in ("triangles", "clusters")
-    )
-    assert not [name for name in plain.materials if name.startswith("spray-")]
-    assert not [name for name in clustered.materials if name.startswith("leaves-")]
-    sprays = [material for name, material in clustered.materials.items() if name.startswith("spray-")]
+    materials = load_asset("urban-street").base.materials
+    sprays = [material for name, material in materials.items() if name.startswith("spray-")]
     assert sprays
     for material in sprays:
         assert material.double_sided

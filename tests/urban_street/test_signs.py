@@ -28,7 +28,7 @@ SHAPES = {
 
 @pytest.fixture(scope="module")
 def catalogue() -> SceneAsset:
-    return load_asset({"name": "urban-street", "signs": "catalogue"})
+    return load_asset("urban-street")
 
 
 def test_there_are_a_hundred_and_they_differ() -> None:
@@ -70,7 +70,7 @@ def test_a_plate_shows_its_face_to_the_front_and_metal_behind(name: str) -> None
     assert face_materials()[f"sign-{name}"].textures == (f"sign-{name}",)
 
 
-def test_the_default_face_is_what_the_street_draws_and_others_can_be_chosen(catalogue: SceneAsset) -> None:
+def test_the_default_face_is_shown_and_others_can_be_chosen(catalogue: SceneAsset) -> None:
     paths = [definition.path for definition in catalogue.manifest.parameters if definition.path.endswith(".face")]
     assert len(paths) == 4
     for path in paths:

@@ -107,11 +107,11 @@ def test_equal_cars_and_trees_share_their_meshes(content: StreetContent) -> None
     layout = layout_street(StreetSettings(seed=0))
     by_model: dict[tuple[str, int], set[int]] = {}
     for placement in layout.placements:
-        if placement.kind in {"tree", "far-tree", "lamp"}:
+        if placement.kind in {"lime", "far-lime", "lamp"}:
             shape = id(part_of(content, placement.path).meshes)
             by_model.setdefault((placement.kind, placement.variant), set()).add(shape)
     assert all(len(shapes) == 1 for shapes in by_model.values())
-    assert len(by_model) < sum(p.kind in {"tree", "far-tree", "lamp"} for p in layout.placements)
+    assert len(by_model) < sum(p.kind in {"lime", "far-lime", "lamp"} for p in layout.placements)
     bodies = {
         placement.kind: {
             id(part_of(content, f"{other.path}.body").meshes[0].positions)

@@ -16,8 +16,8 @@ from urban_street.street.layout import layout_street
 from urban_street.street.materials import leaf_color, make_materials
 from urban_street.street.plan import Placement, StreetLayout, StreetSettings, lines_of
 from urban_street.street.rows import HOUSE_STYLES
+from urban_street.street.species import SPECIES
 from urban_street.street.textures import ground
-from urban_street.street.trees import SPECIES, build_tree, from_afar, in_season
 from valerie.errors import InvalidInputs
 from valerie.labels import label_of_node_class
 from valerie.scene.assets.asset import asset_manifest
@@ -125,9 +125,9 @@ def test_a_side_street_is_level_with_the_road_and_free(layout: StreetLayout) -> 
 def test_a_street_shows_every_style_of_house_and_what_belongs_to_a_street() -> None:
     boulevards = [layout_street(STREETS["boulevard"].model_copy(update={"seed": seed})) for seed in range(3)]
     kinds = {placement.kind.removeprefix("far-") for layout in boulevards for placement in layout.placements}
+    assert len(kinds & SPECIES.keys()) >= 6
     assert kinds >= set(HOUSE_STYLES)
     assert kinds >= {
-        *SPECIES,
         "bench",
         "litter-bin",
         "stand",
@@ -185,18 +185,6 @@ def test_street_furniture_faces_outwards_and_does_not_sink(build: object) -> Non
     bag = build()  # type: ignore[operator]
     assert against_their_faces(bag) < 0.01
     assert min(float(mesh.positions[:, 2].min()) for mesh in bag.meshes()) > -0.03  # metres: the earth in a tree pit
-
-
-@pytest.mark.parametrize("kind", SPECIES)
-def test_a_tree_is_bare_in_winter_thin_in_autumn_and_lighter_from_afar(kind: str) -> None:
-    def leaves(season: str, *, far: bool = False) -> int:
-        shape = in_season(SPECIES[kind].shape, season)  # type: ignore[arg-type]
-        bag = build_tree(from_afar(shape) if far else shape, np.random.default_rng(1), bark="bark", leaves="leaves-0")
-        return sum(len(mesh.faces) for mesh in bag.meshes() if mesh.material == "leaves-0")
-
-    assert leaves("winter") == 0
-    assert 0 < leaves("autumn") < leaves("summer")
-    assert 0 < leaves("summer", far=True) < leaves("summer")
 
 
 def test_leaves_turn_from_green_to_yellow_and_red() -> None:

@@ -59,8 +59,8 @@ def site(settings: Settings) -> Site:
     add_row(plan, rng, Spot(right, 110.0, -0.5 * math.pi), 160.0)
     add_row(plan, rng, Spot(-24.0, 116.0, 0.0), 48.0)
     _add_stop(plan)
-    avenue(plan, rng, ("tree", "plane", "hornbeam"), left + 3.6, np.arange(-42.0, 105.0, 11.0))
-    avenue(plan, rng, ("tree", "birch"), _HALF + 1.1, (-30.0, 52.0, 63.0, 74.0, 85.0, 96.0))
+    avenue(plan, rng, ("lime", "plane", "chestnut"), left + 3.6, np.arange(-42.0, 105.0, 11.0))
+    avenue(plan, rng, ("maple", "birch"), _HALF + 1.1, (-30.0, 52.0, 63.0, 74.0, 85.0, 96.0))
     lamps(plan, -_HALF - 0.5, (-6.0, 17.0, 40.0, 63.0, 86.0), 0.0)
     for y in (57.5, 69.0):
         plan.stand("static", "litter-bin", Spot(_HALF + 0.6, y, 0.0), 0.24, height=1.1)
@@ -118,4 +118,4 @@ def _add_stop(plan: StreetPlan) -> None:
     plan.stand("static", "litter-bin", Spot(x + 0.3, y - 12.6, 0.0), 0.24, height=1.1)
 
 
-PACK: Final = Pack(1, Settings, site, draw_season)
+PACK: Final = Pack(2, Settings, site, draw_season)

@@ -71,7 +71,7 @@ def site(settings: Settings) -> Site:
     edge = _AISLES[2] + _AISLE + _BAY
     for x in (_AISLES[0] + _AISLES[1], _AISLES[1] + _AISLES[2]):
         plan.slab(rounded(0.5 * (x - _ISLAND), low, 0.5 * (x + _ISLAND), high, 0.75), "terrain", "verge")
-        avenue(plan, rng, ("tree", "hornbeam", "cherry"), 0.5 * x, np.arange(low + 5.2, high, 10.4), pits=False)
+        avenue(plan, rng, ("maple", "hornbeam", "cherry"), 0.5 * x, np.arange(low + 5.2, high, 10.4), pits=False)
         for turn in (0.0, math.pi):
             lamps(plan, 0.5 * x + (0.25 if turn == 0.0 else -0.25), (-8.0, 18.0, 44.0), turn)
     plan.slab(rounded(-edge - 20.0, high + 7.0, edge + 20.0, _STOP, 2.0))
@@ -86,7 +86,7 @@ def site(settings: Settings) -> Site:
     for x in (-edge - 6.0, edge + 6.0):
         for y in np.arange(-24.0, 60.0, 9.0).tolist():
             plant(
-                plan, rng, str(rng.choice(("far-tree", "far-plane", "far-birch"))), x, y + float(rng.uniform(-0.8, 0.8))
+                plan, rng, str(rng.choice(("far-lime", "far-plane", "far-birch"))), x, y + float(rng.uniform(-0.8, 0.8))
             )
     _add_cars(plan, rng)
     add_row(plan, rng, Spot(-44.0, high + 13.0, 0.0), 88.0)
@@ -145,4 +145,4 @@ def _add_cars(plan: StreetPlan, rng: np.random.Generator) -> None:
                     plan.park(picked(rng, _KINDS), spot, int(rng.integers(8)))
 
 
-PACK: Final = Pack(1, Settings, site, draw_season)
+PACK: Final = Pack(2, Settings, site, draw_season)

@@ -71,7 +71,7 @@ def site(settings: Settings) -> Site:
     for y, heading in ((2.2, 0.0), (37.8, math.pi)):
         plan.stand("pole", "bollard", Spot(0.0, y, heading), 0.08)
         sign(plan, 6, Spot(0.0, y + (0.6 if y < 20 else -0.6), heading))
-    kinds = ("tree", "plane", "hornbeam")
+    kinds = ("lime", "plane", "hornbeam")
     for x in (-_ALONG - 1.0, _ALONG + 1.0):
         avenue(plan, rng, kinds, x, (-38.0, -26.0, 42.0, 54.0, 66.0, 78.0, 90.0, 102.0))
         lamps(plan, x + math.copysign(0.3, -x), (-20.0, 3.2, 36.6, 60.0, 84.0), 0.0 if x < 0 else math.pi)
@@ -198,4 +198,4 @@ def _head(spot: Spot, group: str, lift: float) -> Head:
     return Head(round(x, 4), round(y, 4), spot.heading, group, lift)
 
 
-PACK: Final = Pack(1, Settings, site, draw_season)
+PACK: Final = Pack(2, Settings, site, draw_season)

@@ -16,6 +16,8 @@ from urban_street.traffic_places import CAR_KINDS
 
 #: Width of narrow markings, metres.
 LINE = 0.12
+#: Trees of distant woods.
+WOODS = ("far-oak", "far-maple", "far-birch", "far-spruce", "far-pine")
 
 
 def begin(settings: PlaceSettings, floor: float = KERB_HEIGHT) -> tuple[StreetPlan, np.random.Generator]:

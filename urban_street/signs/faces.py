@@ -1,4 +1,4 @@
-"""Plates of traffic signs with real faces (`StreetSettings.signs`): meshes, materials, textures."""
+"""Plates of traffic signs with real faces: meshes, materials, textures."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from valerie.scene.graph.model import Material, Mesh, Texture
 MIDDLE_M: Final = 2.55
 _THICK: Final = 0.012
 _FOLDER: Final = files(__package__)
-#: The face that stands where a street's drawn sign shows the same, by index of `textures.things.sign_faces`.
-LIKE_DRAWN: Final = (
+#: The faces that layouts place, by index.
+PLACED: Final = (
     "no-entry", "maximum-speed-limit-30-kmh", "no-stopping", "other-danger", "information-pedestrians-crossing", "parking",
     "one-way-straight", "yield",
 )  # fmt: skip

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from urban_street.signs.faces import LIKE_DRAWN, face_materials, face_textures, plate
+from urban_street.signs.faces import PLACED, face_materials, face_textures, plate
 from urban_street.solids.surfaces import Bag, pose
-from urban_street.street import amenities, furniture, house_styles, road, roadside, signals, species, swept
-from urban_street.street.foliage import build_clustered_tree, clad
+from urban_street.street import amenities, furniture, house_styles, road, roadside, signals, swept
+from urban_street.street.foliage import build_tree
 from urban_street.street.houses import add_floor, build_house
 from urban_street.street.materials import foliage_materials, foliage_textures, make_materials, make_textures
 from urban_street.street.plan import Placement, StreetLayout, StreetLines
 from urban_street.street.rows import HOUSE_STYLES
 from urban_street.street.shapes import DEFAULT_PHASE, PHASES, Signals
-from urban_street.street.trees import SPECIES, Tree, TreeSettings, build_tree, from_afar, in_season
+from urban_street.street.species import SPECIES
 from urban_street.vehicles.build import KINDS, build_vehicle, vehicle_seed
 from urban_street.vehicles.content import VehicleContent
 from valerie.errors import UnknownName
@@ -84,7 +84,7 @@ def build_street(layout: StreetLayout) -> StreetContent:
 
 def _transform(placement: Placement) -> Matrix:
     matrix = pose(placement.x, placement.y, placement.z, placement.heading)
-    if placement.kind in _TREES or placement.kind.removeprefix("far-") in species.SPECIES:
+    if placement.kind.removeprefix("far-") in SPECIES:
         matrix[:3, :3] *= placement.size[0]
     return matrix
 
@@ -94,7 +94,7 @@ class _Workshop:
 
     def __init__(self, layout: StreetLayout) -> None:
         self._seed = layout.settings.seed
-        self._settings, self._lines, self._near = layout.settings, layout.lines, layout.near
+        self._lines, self._near = layout.lines, layout.near
         self._shared: dict[tuple[str, int], tuple[Mesh, ...]] = {}
         self._vehicles: dict[tuple[str, int, bool], VehicleContent] = {}
         self.materials: dict[str, Material] = {}
@@ -125,11 +125,8 @@ class _Workshop:
             return house.meshes()
         if kind in _GROUND:
             return _GROUND[kind](placement, self._lines).meshes()
-        if kind == "face" and self._settings.signs == "catalogue":
-            return plate(LIKE_DRAWN[placement.variant])
-        if kind in _GREENERY:
-            make = clad if self._settings.trees == "clusters" else furniture.foliage
-            return _GREENERY[kind](placement, make).meshes()
+        if kind == "face":
+            return plate(PLACED[placement.variant])
         if kind in _UNIQUE:
             return _UNIQUE[kind](placement).meshes()
         key = (kind, placement.variant)
@@ -139,29 +136,15 @@ class _Workshop:
 
     def _build_shared(self, kind: str, variant: int) -> Bag:
         rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
-        if self._settings.trees == "clusters" and (name := kind.removeprefix("far-")) in species.SPECIES:
-            form = species.SPECIES[name]
-            return build_clustered_tree(form if name == kind else form.from_afar(), rng, name)
-        if kind in _TREES:
-            tree = _TREES[kind]
-            shape = in_season(tree.shape, self._settings.season, blossoms=tree.leaves == "leaves-cherry")
-            return build_tree(shape, rng, bark=tree.bark, leaves=tree.leaves or f"leaves-{variant}", twigs=tree.twigs)
-        if kind == "face":
-            return furniture.sign_face(variant)
+        if (name := kind.removeprefix("far-")) in SPECIES:
+            species = SPECIES[name]
+            return build_tree(species if name == kind else species.from_afar(), rng, name)
         try:
             return _SHARED[kind]()
         except KeyError:
-            kinds = (*HOUSE_STYLES, *_GROUND, *_GREENERY, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
+            kinds = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *SPECIES, "face", *_SHARED)
             raise UnknownName("kind of street object", kind, kinds) from None
 
-
-def _with_far(near: dict[str, Tree]) -> dict[str, Tree]:
-    return near | {f"far-{kind}": replace(tree, shape=from_afar(tree.shape)) for kind, tree in near.items()}
-
-
-_TREES = _with_far(SPECIES) | {
-    "far-tree": Tree(TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20)),
-}
 
 _GROUND: dict[str, Callable[[Placement, StreetLines], Bag]] = {
     "carriageway": road.build_carriageway,
@@ -172,13 +155,10 @@ _GROUND: dict[str, Callable[[Placement, StreetLines], Bag]] = {
     "outskirts": lambda _, lines: road.build_outskirts(lines),
 }
 
-_GREENERY: dict[str, Callable[[Placement, furniture.Foliage], Bag]] = {
-    "hedge": furniture.hedge,
-    "planter": furniture.planter,
-}
-
 _UNIQUE: dict[str, Callable[[Placement], Bag]] = {
     "garden": road.build_garden,
+    "hedge": furniture.hedge,
+    "planter": furniture.planter,
     "cabinet": amenities.cabinet,
     "guard-rail": amenities.guard_rail,
     "railing": lambda placement: furniture.iron_railing(placement.size[0]),

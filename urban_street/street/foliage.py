@@ -11,7 +11,7 @@ import numpy as np
 from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, lathe, repeat, tubes, unit
 from urban_street.street.species import Species
 from urban_street.street.textures.sprays import CELLS
-from urban_street.street.trees import build_wood
+from urban_street.street.wood import build_wood
 
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 _UP = np.array([0.0, 0.0, 1.0])
@@ -23,7 +23,7 @@ _WIDTHS = (0.36, 0.94, 0.70)
 _SHADE = 0.62
 
 
-def build_clustered_tree(species: Species, rng: np.random.Generator, kind: str) -> Bag:
+def build_tree(species: Species, rng: np.random.Generator, kind: str) -> Bag:
     """Build one tree with its foot at the origin. Materials: ``bark-of-<kind>``, ``spray-<kind>``, ``spray-<kind>-shade``.
 
     Args:
@@ -88,7 +88,7 @@ def cards(
 
 
 def clad(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng: np.random.Generator) -> Bag:
-    """Build a box of clipped greenery (`furniture.Foliage`): a dark core, and cards that stand out of all sides but the lower.
+    """Build a box of clipped greenery : a dark core, and cards that stand out of all sides but the lower.
 
     Cards show dozens of leaves each, so there are far fewer of them than ``per_square_metre``.
     """

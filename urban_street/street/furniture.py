@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
 from urban_street.solids.surfaces import (
     Bag,
-    Floats,
     Surface,
     boxes,
     fan,
@@ -19,17 +17,11 @@ from urban_street.solids.surfaces import (
     repeat,
     sheet,
     tubes,
-    unit,
 )
+from urban_street.street.foliage import clad
 from urban_street.street.plan import Placement
-from urban_street.street.textures.things import SIGN_CELLS
-from urban_street.street.trees import BUNCHES, on_bunches
 from valerie.scene.graph.model import Light
 from valerie.scene.graph.transforms import Pose
-
-#: Round and triangular faces by index in the sign atlas; the others are square.
-_ROUND, _TRIANGLE = {0, 1, 2}, {3}
-
 
 #: The lamp of a post. It points down from the middle of the lantern's lens, 0.12 m² of some 12,000 cd/m², warm white (3,000 K).
 #: Posts 20 to 30 m apart give the road some 10 lx, within the range of EN 13201 for residential streets (P classes: 2 … 15 lx).
@@ -74,27 +66,6 @@ def bollard() -> Bag:
         lathe([(0.075, 0.0), (0.07, 0.1), (0.05, 0.14), (0.048, 0.78), (0.062, 0.82), (0.06, 0.9), (0.0, 0.96)], 12),
     )
     bag.add("lens", lathe([(0.0505, 0.62), (0.0505, 0.72)], 12))
-    return bag
-
-
-def sign_face(variant: int) -> Bag:
-    """Build the plate of a sign, painted towards −y and grey behind, with its middle 2.55 m above the foot."""
-    bag = Bag()
-    column, row = variant % SIGN_CELLS, variant // SIGN_CELLS
-    if variant in _ROUND:
-        angle = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
-        outline = 0.31 * np.stack([np.cos(angle), np.sin(angle)], -1)
-    elif variant in _TRIANGLE:
-        outline = np.array([(-0.40, -0.23), (0.40, -0.23), (0.0, 0.46)])
-    else:
-        outline = 0.30 * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-    half = float(np.abs(outline).max())
-    if variant in _TRIANGLE:
-        half = 0.46
-    uvs = (np.array([column, row]) + 0.5 + 0.49 * outline * [1.0, -1.0] / half) / SIGN_CELLS
-    front = np.stack([outline[:, 0], np.zeros(len(outline)), outline[:, 1] + 2.55], -1)
-    bag.add("sign-face", fan(front, uvs=uvs))
-    bag.add("steel", fan((front + np.array([0.0, 0.012, 0.0]))[::-1]))
     return bag
 
 
@@ -154,56 +125,18 @@ def bins(seed: int) -> Bag:
     return bag
 
 
-#: Builds a box of greenery: lowest and highest corner, leaves per square metre, length of a leaf (metres), random choices.
-Foliage = Callable[[Floats, Floats, float, float, np.random.Generator], Bag]
-
-
-def foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng: np.random.Generator) -> Bag:
-    """Build a box of clipped greenery with leaves that stand out of its surface."""
-    bag = Bag()
-    bag.add("hedge", boxes([low], [high], skip=("-z",)))
-    size = high - low
-    areas = np.array([size[1] * size[2], size[1] * size[2], size[0] * size[2], size[0] * size[2], size[0] * size[1]])
-    face = rng.choice(5, int(areas.sum() * per_square_metre), p=areas / areas.sum())
-    place = low + rng.random((len(face), 3)) * size
-    for k, (axis, side) in enumerate(((0, low), (0, high), (1, low), (1, high), (2, high))):
-        place[face == k, axis] = side[axis]
-    axes = np.array([0, 0, 1, 1, 2])[face]
-    sign = np.array([-1.0, 1.0, -1.0, 1.0, 1.0])[face]
-    normal = np.zeros((len(face), 3))
-    normal[np.arange(len(face)), axes] = sign
-    along = rng.normal(size=(len(face), 3))
-    along += normal * 0.5
-    along = unit(along)
-    across = unit(np.cross(normal, along))
-    tip = place + along * leaf + normal * 0.01
-    corners = np.stack([place - across * 0.4 * leaf, place + across * 0.4 * leaf, tip], 1)
-    columns, rows = np.floor(rng.random((len(face), 2)) * [BUNCHES, 0.75 * BUNCHES]).T
-    lean = unit(normal + 0.5 * along)
-    bag.add(
-        "leaves-0",
-        Surface(
-            corners.reshape(-1, 3),
-            np.repeat(lean, 3, axis=0),
-            on_bunches(columns, rows)[:, [1, 2, 0]].reshape(-1, 2),
-            np.arange(3 * len(face)).reshape(-1, 3),
-        ),
-    )
-    return bag
-
-
-def hedge(placement: Placement, make: Foliage = foliage) -> Bag:
+def hedge(placement: Placement) -> Bag:
     """Build a clipped hedge along y; its size is (thickness, length, height)."""
     thick, long, high = placement.size
     rng = np.random.default_rng(placement.seed)
-    return make(np.array([-0.5 * thick, 0.0, 0.0]), np.array([0.5 * thick, long, high]), 40.0, 0.09, rng)
+    return clad(np.array([-0.5 * thick, 0.0, 0.0]), np.array([0.5 * thick, long, high]), 40.0, 0.09, rng)
 
 
-def planter(placement: Placement, make: Foliage = foliage) -> Bag:
+def planter(placement: Placement) -> Bag:
     """Build a wooden box with shrubs; its size is (thickness, length)."""
     thick, long = placement.size
     rng = np.random.default_rng(placement.seed)
-    bag = make(np.array([-0.42 * thick, 0.08, 0.45]), np.array([0.42 * thick, long - 0.08, 0.85]), 200.0, 0.10, rng)
+    bag = clad(np.array([-0.42 * thick, 0.08, 0.45]), np.array([0.42 * thick, long - 0.08, 0.85]), 200.0, 0.10, rng)
     bag.add("planter", boxes([[-0.5 * thick, 0.0, 0.0]], [[0.5 * thick, long, 0.5]], skip=("-z",)))
     return bag
 

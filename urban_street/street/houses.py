@@ -262,12 +262,12 @@ def add_shop_boards(bag: Bag, openings: list[Opening], rng: np.random.Generator)
     """Add name boards over the shop windows, and usually an awning over the first."""
     for k, o in enumerate(o for o in openings if o.kind == "shop"):
         cell = int(rng.integers(8))
-        column, row = cell % 4, 2 + cell // 4
+        column, row = cell % 4, cell // 4
         board = boxes([[o.x0, -0.07, 3.05]], [[o.x1, 0.0, 3.6]], skip=("-y", "+y"))
         bag.add("frame-dark", board)
         corners = [[(o.x0, -0.07, 3.05), (o.x1, -0.07, 3.05), (o.x1, -0.07, 3.6), (o.x0, -0.07, 3.6)]]
-        u0, v0 = column / 4, row / 4
-        bag.add("sign-board", quads(corners, [[(u0, v0 + 0.25), (u0 + 0.25, v0 + 0.25), (u0 + 0.25, v0), (u0, v0)]]))
+        u0, v0 = column / 4, row / 2
+        bag.add("shop-board", quads(corners, [[(u0, v0 + 0.5), (u0 + 0.25, v0 + 0.5), (u0 + 0.25, v0), (u0, v0)]]))
         if k == 0 and rng.random() < 0.75:
             _awning(bag, o, f"awning-{rng.integers(3)}")
 

@@ -6,7 +6,6 @@ between them, with gaps, and never within `CAMERA_CORRIDOR`.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from typing import Any, Final
@@ -35,15 +34,12 @@ from urban_street.vehicles.build import dimensions
 
 #: Depth of houses in a side street, metres: less than the width of the narrowest corner house.
 _SIDE_DEPTH = 7.9
-#: Weights of parked cars by kind, for each value of `StreetSettings.cars`.
-_PARKED: Final[dict[str, dict[str, float]]] = {
-    "usual": {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van": 0.06},
-    "varied": {
-        **dict.fromkeys(("hatchback", "city-car", "three-door", "crossover", "suv", "estate", "touring-estate"), 0.08),
-        **dict.fromkeys(("sedan", "mpv", "leisure-van", "electric-saloon", "large-suv", "microcar", "coupe"), 0.04),
-        **dict.fromkeys(("notchback", "limousine", "city-van", "minibus", "taxi", "van"), 0.02),
-        **dict.fromkeys(("convertible", "sports-car", "classic-car", "off-roader"), 0.01),
-    },
+#: Weights of parked cars by kind.
+_PARKED: Final[dict[str, float]] = {
+    **dict.fromkeys(("hatchback", "city-car", "three-door", "crossover", "suv", "estate", "touring-estate"), 0.08),
+    **dict.fromkeys(("sedan", "mpv", "leisure-van", "electric-saloon", "large-suv", "microcar", "coupe"), 0.04),
+    **dict.fromkeys(("notchback", "limousine", "city-van", "minibus", "taxi", "van"), 0.02),
+    **dict.fromkeys(("convertible", "sports-car", "classic-car", "off-roader"), 0.01),
 }
 #: Number of different seeds of a kind, which determine rims, plates and paint.
 CAR_MODELS = 6
@@ -51,7 +47,7 @@ TREE_MODELS = 3
 _KERB_GAP = 0.2
 #: End of the people's range along the street, metres. Some bays up to here stay free, so that most places are visible.
 WALK_STOP = 34.0
-#: Signs: left side?, approximate place, face (`textures.things.sign_faces`).
+#: Signs: left side?, approximate place, face (`signs.faces.PLACED`).
 _SIGNS = (
     (True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
     (True, 61.0, 4), (False, 70.5, 4), (True, 84.0, 2), (False, 92.0, 0),
@@ -230,12 +226,11 @@ def _place_ends(plan: StreetPlan, rng: np.random.Generator) -> None:
 def _place_cars(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Place cars in both parking bays, in rows with tight gaps and some free bays, and one van where people walk."""
     van_left = bool(rng.random() < 0.5)
-    shares = _PARKED[plan.settings.cars]
     for left in (True, False):
         y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
         parked = 0
         while y < plan.lines.row_stop - 8.0:
-            kind = str(rng.choice(list(shares), p=list(shares.values())))
+            kind = str(rng.choice(list(_PARKED), p=list(_PARKED.values())))
             if left == van_left and parked == 1:
                 kind = "van"
             length, width, _ = dimensions(kind)
@@ -315,23 +310,12 @@ def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
     return float(rng.uniform(0.7, 1.5) if tight else rng.uniform(*((6.5, 11.0) if roomy else (3.6, 7.5))))
 
 
-def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str]:
-    """Yield the kinds of the trees along one kerb: an avenue of one kind, with some trees of other kinds."""
-    if settings.trees == "clusters":
-        yield from species.kerb_kinds(settings, rng)
-    others = ("plane", "birch", "hornbeam", "cherry")
-    # A plane's crown needs room. Birches and columns suit narrow streets.
-    avenue = str(rng.choice(["tree", "plane"] if settings.pavement_width_m >= 3.2 else ["tree", "hornbeam"]))
-    while True:
-        yield avenue if rng.random() < 0.55 else str(rng.choice(others))
-
-
 def _place_trees(plan: StreetPlan, rng: np.random.Generator) -> list[tuple[bool, float]]:
     """Place trees along both kerbs, and return (left side?, y) of each trunk."""
     trunks = []
     picks = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
     for left in (True, False):
-        kinds = _species(plan.settings, picks)
+        kinds = species.kerb_kinds(plan.settings, picks)
         y = plan.lines.row_start + (4.0 if left else 8.5)
         while y < plan.lines.row_stop - 3.0:
             here = y + float(rng.uniform(-1.2, 1.2))
@@ -350,7 +334,7 @@ def _place_trees(plan: StreetPlan, rng: np.random.Generator) -> list[tuple[bool,
             )  # fmt: skip
             plan.block(tree, disc(x, here, 0.3 if tree.kind.endswith("plane") else 0.2))
             trunks.append((left, here))
-    beyond = species.garden_kinds(picks) if plan.settings.trees == "clusters" else itertools.repeat("tree")
+    beyond = species.garden_kinds(picks)
     for x in (-9.0, -3.2, 3.4, 9.6, 16.0):  # beyond the cross street
         tree = plan.add(
             "vegetation", f"far-{next(beyond)}", x + float(rng.uniform(-0.8, 0.8)), plan.lines.road_stop + 0.6,

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from urban_street.street import species
 from urban_street.street.plan import SIDE_HALF, Spot
 from urban_street.street.planning import StreetPlan
+from urban_street.street.species import SPECIES
 
 #: Start of the furniture along the street, metres, so that it is not near the cameras.
 _FIRST = 6.0
@@ -36,15 +36,10 @@ def _towards_houses(*, left: bool) -> float:
 
 
 def _place_pits(plan: StreetPlan) -> None:
-    kinds = species.SPECIES if plan.settings.trees == "clusters" else SPECIES
-    trees = [p for p in plan.placements if p.object_class == "vegetation" and p.kind.removeprefix("far-") in kinds]
+    trees = [p for p in plan.placements if p.object_class == "vegetation" and p.kind.removeprefix("far-") in SPECIES]
     for tree in trees:
         if tree.y < plan.lines.road_stop - 3.0:
             plan.add("terrain", "pit", tree.x, tree.y, z=plan.lines.kerb_height)
-
-
-#: Kinds of trees with a triangle per leaf, by the names of their builders.
-SPECIES = ("tree", "plane", "birch", "hornbeam", "cherry")
 
 
 def _place_signals(plan: StreetPlan, *, left: bool) -> None:

@@ -27,9 +27,6 @@ _DOORS: tuple[Color, ...] = (
     (0.22, 0.20, 0.17),
 )  # fmt: skip
 _ROOFS: tuple[Color, ...] = ((0.36, 0.13, 0.075), (0.13, 0.13, 0.14), (0.24, 0.12, 0.085), (0.10, 0.09, 0.085))
-_LEAVES: tuple[Color, ...] = (
-    (0.082, 0.185, 0.028), (0.115, 0.205, 0.032), (0.062, 0.150, 0.034), (0.150, 0.200, 0.030),
-)  # fmt: skip
 #: Materials of carriageways. Each has a texture of the same name.
 _SURFACES = ("asphalt-0", "asphalt-1", "asphalt-crossing", "asphalt-side")
 _BINS: tuple[Color, ...] = ((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.22, 0.02))
@@ -55,13 +52,7 @@ def make_textures(settings: StreetSettings) -> dict[str, Texture]:
         ("granite", walls.granite),
     ):  # fmt: skip
         textures |= _one(name, partial(make_one, next(streams)))
-    textures |= _one("signs", things.sign_faces)
-    rng = next(streams)
-    hues = [leaf_color(_LEAVES[pick], settings.season) for pick in rng.permutation(len(_LEAVES))[:3]]
-    textures |= deferred_textures(
-        [f"leaves-{k}" for k in range(len(hues))],
-        lambda: [sprays.bunches(species.SPECIES["lime"].leaf, hue, rng) for hue in hues],
-    )
+    textures |= _one("shop-boards", things.shop_boards)
     return textures | _mixed(settings) | _surfacing(settings) | _rooms(settings)
 
 
@@ -107,31 +98,15 @@ def _carriageways(settings: StreetSettings, streams: Sequence[np.random.Generato
     )
 
 
-#: Linear colours of leaves in summer, in autumn, and (the cherry) in blossom.
-_SPECIES_LEAVES: dict[str, tuple[Color, Color]] = {
-    "plane": ((0.105, 0.185, 0.034), (0.30, 0.19, 0.035)),
-    "birch": ((0.130, 0.215, 0.045), (0.46, 0.34, 0.035)),
-    "hornbeam": ((0.070, 0.150, 0.030), (0.33, 0.20, 0.04)),
-    "cherry": ((0.075, 0.135, 0.040), (0.36, 0.085, 0.03)),
-}
-_BLOSSOM: Color = (0.72, 0.42, 0.46)
-
-
 def _mixed(settings: StreetSettings) -> dict[str, Texture]:
-    """Return leaves and bark of further species, and posters."""
+    """Return the bark of some species, and posters."""
     rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7007]))
     barks = ("plane", "birch", "cherry")
 
     def make() -> list[ground.Image]:
-        images = [things.bark_of(rng, kind) for kind in barks]
-        for kind, (summer, autumn) in _SPECIES_LEAVES.items():
-            color = autumn if settings.season == "autumn" else leaf_color(summer, settings.season)
-            if settings.season == "spring" and kind == "cherry":
-                color = _BLOSSOM
-            images.append(sprays.bunches(species.SPECIES[kind].leaf, color, rng))
-        return [*images, things.posters(rng)]
+        return [*(things.bark_of(rng, kind) for kind in barks), things.posters(rng)]
 
-    names = [*(f"bark-{kind}" for kind in barks), *(f"leaves-{kind}" for kind in _SPECIES_LEAVES), "posters"]
+    names = [*(f"bark-{kind}" for kind in barks), "posters"]
     return deferred_textures(names, make)
 
 
@@ -162,7 +137,7 @@ def _maps(name: str) -> tuple[str, str, str]:
 
 
 def foliage_textures(settings: StreetSettings) -> dict[str, Texture]:
-    """Return the textures of trees with clusters of leaves, and the bark that no other tree has."""
+    """Return the leaves of trees and hedges, and the bark of pines."""
 
     def rng(k: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence([settings.seed, 7009, k]))
@@ -176,7 +151,7 @@ def foliage_textures(settings: StreetSettings) -> dict[str, Texture]:
 
 
 def foliage_materials(season: Season = "summer") -> dict[str, Material]:
-    """Return the materials of trees with clusters of leaves."""
+    """Return the materials of trees and hedges."""
     materials = [
         *(Material(f"bark-of-{kind}", tint, texture, roughness=0.92) for kind, (texture, tint) in _barks().items()),
         Material("hedge-core", (0.42, 0.42, 0.42), "hedge", roughness=0.9),
@@ -227,10 +202,6 @@ def make_materials(seed: int) -> dict[str, Material]:
         *_ground(),
         *_walls(rng),
         Material("tyre", (0.022, 0.022, 0.023), roughness=0.85),
-        Material("bark", base_color_texture="bark", base_color=(1.0, 1.0, 1.0), roughness=0.95),
-        *(_leaf(k) for k in range(3)),
-        *(Material(f"bark-{k}", (1.0, 1.0, 1.0), f"bark-{k}", roughness=0.9) for k in ("plane", "birch", "cherry")),
-        *(_leaf(kind) for kind in _SPECIES_LEAVES),
         Material("slats", (0.34, 0.19, 0.09), "boards", roughness=0.6),
         Material("cabinet", (0.19, 0.21, 0.20), metallic=0.1, roughness=0.55),
         Material("poster", (1.0, 1.0, 1.0), "posters", roughness=0.4),
@@ -243,8 +214,7 @@ def make_materials(seed: int) -> dict[str, Material]:
         Material("metal", (0.55, 0.50, 0.36), metallic=0.9, roughness=0.35),
         Material("lens", (0.70, 0.70, 0.68), roughness=0.3),
         Material("lantern", (0.70, 0.70, 0.68), roughness=0.3),
-        Material("sign-face", (1.0, 1.0, 1.0), "signs", roughness=0.45),
-        Material("sign-board", (1.0, 1.0, 1.0), "signs", roughness=0.6),
+        Material("shop-board", (1.0, 1.0, 1.0), "shop-boards", roughness=0.6),
         Material("signal-red", (0.5, 0.02, 0.01), roughness=0.25, emissive=(0.9, 0.03, 0.015), signal=True),
         Material("signal-amber", (0.5, 0.2, 0.01), roughness=0.25, emissive=(0.95, 0.42, 0.015), signal=True),
         Material("signal-green", (0.02, 0.4, 0.2), roughness=0.25, emissive=(0.03, 0.85, 0.42), signal=True),
@@ -261,10 +231,6 @@ def make_materials(seed: int) -> dict[str, Material]:
         Material("awning-white", (0.72, 0.70, 0.64), roughness=0.9, double_sided=True),
     ]  # fmt: skip
     return {material.name: material for material in materials}
-
-
-def _leaf(k: int | str) -> Material:
-    return Material(f"leaves-{k}", (1.0, 1.0, 1.0), f"leaves-{k}", roughness=0.62, specular=0.7, double_sided=True)
 
 
 def _ground() -> list[Material]:

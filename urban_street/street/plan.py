@@ -46,9 +46,6 @@ class StreetSettings(BaseModel):
         side_street: sides on which a street branches off at y = 46 m, behind a zebra crossing.
         surface: surface of the carriageway.
         season: season of the trees.
-        signs: faces of the traffic signs: eight that the street draws itself, or the catalogue `urban_street.signs`.
-        trees: how trees are built: five kinds with a triangle per leaf, or `species.SPECIES` with drawn clusters of leaves.
-        cars: bodies of the parked cars: the five ``usual`` ones of the first street, or ``varied`` ones.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -63,9 +60,6 @@ class StreetSettings(BaseModel):
     side_street: Literal["none", "left", "right", "both"] = "right"
     surface: Literal["asphalt", "paving"] = "asphalt"
     season: Season = "summer"
-    signs: Literal["drawn", "catalogue"] = "catalogue"
-    trees: Literal["triangles", "clusters"] = "clusters"
-    cars: Literal["usual", "varied"] = "varied"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Kinds of trees with clusters of leaves (`StreetSettings.trees`): crowns, leaves, bark and colours as tables."""
+"""Kinds of trees: crowns, leaves, bark and colours as tables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from urban_street.street.plan import Season, StreetSettings
-from urban_street.street.trees import TreeSettings
+from urban_street.street.wood import TreeSettings
 
 Color = tuple[float, float, float]
 Line = tuple[tuple[float, float], ...]
@@ -53,7 +53,7 @@ class Species:
     """A kind of tree; lengths in metres.
 
     Attributes:
-        shape: height, fork, radius and wood; ``clusters`` twigs with ``leaves`` cards of side ``leaf`` each.
+        shape: its size and wood, and the number of its cards.
         crown: outline of the crown: shares of its height above the lowest leaf, and of its radius.
         leaf: its leaves.
         bark: texture of the bark, and a factor of its colour.

@@ -1,4 +1,4 @@
-"""Cards of foliage: four flat sprays of leaves, or of bare twigs, with what lies between them cut out. Bunches for triangles."""
+"""Cards of foliage: four flat sprays of leaves, or of bare twigs, with what lies between them cut out."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from PIL import Image as Picture
 from PIL import ImageDraw
 from scipy.ndimage import gaussian_filter
 
-from urban_street.street.noise import hashed
 from urban_street.street.plan import Season
 from urban_street.street.species import Color, Leaf
-from urban_street.street.trees import BUNCHES
 from urban_street.texels import srgb8
 
 Image = NDArray[np.uint8]
@@ -21,10 +19,6 @@ Line = NDArray[np.floating]
 
 #: Cells along each edge of the image, and pixels along each edge of a cell.
 CELLS, CELL = 2, 256
-#: Pixels along each edge of a bunch.
-_BUNCH = 32
-#: Share of the leaves' light that comes from between them.
-_BETWEEN = 0.08
 #: Texels with less alpha are cut out.
 CUTOFF = 0.5
 #: Factor of the drawing's resolution.
@@ -49,37 +43,6 @@ def spray(leaf: Leaf, season: Season, rng: np.random.Generator) -> Image:
             row.append(drawing.pixels())
         rows.append(np.concatenate(row, axis=1))
     return _filled(np.concatenate(rows))
-
-
-def bunches(leaf: Leaf, hue: Color, rng: np.random.Generator) -> Image:
-    """Return 8 × 8 bunches of leaves around the linear colour ``hue``, darker rows first, (256, 256, 3) sRGB.
-
-    Each triangle of a crown shows one (`trees.on_bunches`). Its mean is one colour of the palette, which is all that distant
-    crowns show.
-    """
-    number = np.arange(BUNCHES)[:, None] * BUNCHES + np.arange(BUNCHES)
-    bright = (0.55 + 0.6 * hashed(number, int(rng.integers(2**31)))) * np.linspace(0.6, 1.2, BUNCHES)[:, None]
-    warm = 0.86 + 0.34 * hashed(number, int(rng.integers(2**31)))
-    palette = np.stack([hue[0] * bright * warm, hue[1] * bright, hue[2] * bright / warm], -1)
-    drawn = np.stack([_bunch(leaf, stream) for stream in rng.spawn(BUNCHES)])
-    image = drawn[(number + number // BUNCHES) % BUNCHES] * palette[:, :, None, None]
-    return srgb8(image.swapaxes(1, 2).reshape(BUNCHES * _BUNCH, BUNCHES * _BUNCH, 3))
-
-
-def _bunch(leaf: Leaf, rng: np.random.Generator) -> NDArray[np.floating]:
-    """Return one bunch, (32, 32, 3) linear, of mean 1 in the triangle, and 1 around it."""
-    drawing = _Drawing(_BUNCH * _FINE, rng)
-    for light, count in ((0.26, 4), (0.70, 5)):  # leaves in the shade of others lie behind them
-        for at in np.linspace(0.02, 0.62, count) + rng.normal(0.0, 0.02, count):
-            turn = rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 1.0) * (1.35 - at)
-            foot = np.array([rng.normal(0.0, 0.16 * (1.0 - at)), at])
-            _leaf(drawing, leaf, foot, turn, rng.uniform(0.36, 0.48), np.full(3, light))
-    fine = (drawing.pixels() / np.float32(255.0)) ** 2
-    texels = fine.reshape(_BUNCH, _FINE, _BUNCH, _FINE, 4).mean(axis=(1, 3))
-    color = texels[..., :3] + _BETWEEN * (1.0 - texels[..., 3:])
-    right, down = (np.arange(_BUNCH) + 0.5)[None] / _BUNCH, (np.arange(_BUNCH) + 0.5)[:, None] / _BUNCH
-    inside = (np.abs(right - 0.5) < 0.5 * down)[..., None]
-    return np.where(inside, color / color.mean(axis=(0, 1), where=inside), 1.0)
 
 
 class _Drawing:
