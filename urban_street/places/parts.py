@@ -12,6 +12,7 @@ from urban_street.site import PlaceSettings
 from urban_street.street.plan import KERB_HEIGHT, Spot, StreetSettings, disc
 from urban_street.street.planning import StreetPlan
 from urban_street.street.shapes import Mark, Polygon
+from urban_street.street.species import SPECIES
 from urban_street.traffic_places import CAR_KINDS
 
 #: Width of narrow markings, metres.
@@ -62,7 +63,8 @@ def plant(
         "vegetation", kind, x, y, z=plan.height(x, y) - sunk, heading=turn, variant=variant,
         size=(round(size * float(rng.uniform(0.9, 1.12)), 3),),
     )  # fmt: skip
-    plan.block(tree, disc(tree.x, tree.y, 0.9 if sunk else 0.25), 2.2 if sunk else None)
+    footing = 0.9 if sunk else size * SPECIES[kind.removeprefix("far-")].footing
+    plan.block(tree, disc(tree.x, tree.y, footing), 2.2 if sunk else None)
 
 
 def avenue(

@@ -16,7 +16,7 @@ from urban_street.street.materials import foliage_materials, foliage_textures, m
 from urban_street.street.plan import Placement, StreetLayout, StreetLines
 from urban_street.street.rows import HOUSE_STYLES
 from urban_street.street.shapes import DEFAULT_PHASE, PHASES, Signals
-from urban_street.street.species import SPECIES
+from urban_street.street.species import SPECIES, species_of
 from urban_street.vehicles.build import KINDS, build_vehicle, vehicle_seed
 from urban_street.vehicles.content import VehicleContent
 from valerie.errors import UnknownName
@@ -84,7 +84,7 @@ def build_street(layout: StreetLayout) -> StreetContent:
 
 def _transform(placement: Placement) -> Matrix:
     matrix = pose(placement.x, placement.y, placement.z, placement.heading)
-    if placement.kind.removeprefix("far-") in SPECIES:
+    if species_of(placement.kind):
         matrix[:3, :3] *= placement.size[0]
     return matrix
 
@@ -136,9 +136,8 @@ class _Workshop:
 
     def _build_shared(self, kind: str, variant: int) -> Bag:
         rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
-        if (name := kind.removeprefix("far-")) in SPECIES:
-            species = SPECIES[name]
-            return build_tree(species if name == kind else species.from_afar(), rng, name)
+        if species := species_of(kind):
+            return build_tree(species, rng, kind.removeprefix("far-"))
         try:
             return _SHARED[kind]()
         except KeyError:

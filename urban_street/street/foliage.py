@@ -93,15 +93,19 @@ def clad(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng: n
     Cards show dozens of leaves each, so there are far fewer of them than ``per_square_metre``.
     """
     side = 3.5 * leaf
-    size, inset = high - low, 0.3 * side
+    size, level = high - low, np.array([1.0, 1.0, 0.0])
+    # Cards reach out by half their side.
+    inset = np.minimum(0.5 * side, 0.35 * size)
+    core = np.minimum(inset + 0.08, 0.4 * size)
     bag = Bag()
-    bag.add("hedge-core", boxes([low + 1.8 * inset * np.array([1.0, 1.0, 0.0])], [high - 1.8 * inset], skip=("-z",)))
+    bag.add("hedge-core", boxes([low + core * level], [high - core], skip=("-z",)))
     normals = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     areas = np.abs(normals) @ (np.prod(size) / size)
     face = rng.choice(5, max(int(areas.sum() * (40.0 + 0.12 * per_square_metre)), 1), p=areas / areas.sum())
     normal = normals[face]
-    place = low + rng.random((len(face), 3)) * size
-    place = np.where(normal < 0.0, low + inset, np.where(normal > 0.0, high - inset, place))
+    first, last = low + inset * level, high - inset
+    place = first + rng.random((len(face), 3)) * (last - first)
+    place = np.where(normal < 0.0, first, np.where(normal > 0.0, last, place))
     along = unit(0.3 * normal + 0.5 * _UP + rng.normal(0.0, 0.6, normal.shape))
     reach = np.full(len(face), side) * rng.uniform(0.8, 1.1, len(face))
     bag.add(

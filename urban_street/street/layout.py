@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import shapely
 
-from urban_street.street import layout_furniture, species
+from urban_street.street import layout_furniture
 from urban_street.street.plan import (
     CAMERA_CORRIDOR,
     SIDE_HALF,
@@ -30,6 +30,7 @@ from urban_street.street.plan import (
 )
 from urban_street.street.planning import StreetPlan, seed_of
 from urban_street.street.rows import CORNERS, ENDS, HOUSE_DEPTH, HOUSE_STYLES, NARROW, add_house, bays_of, next_width
+from urban_street.street.species import SPECIES, garden_kinds, kerb_kinds
 from urban_street.vehicles.build import dimensions
 
 #: Depth of houses in a side street, metres: less than the width of the narrowest corner house.
@@ -241,7 +242,8 @@ def _place_cars(plan: StreetPlan, rng: np.random.Generator) -> None:
             if plan.lines.in_side_street(y + 0.5 * length, SIDE_HALF + 0.5 * length, left=left):
                 y += 1.0
                 continue
-            inset = 0.5 * width + _KERB_GAP + float(rng.uniform(0.0, 0.07))
+            # Wide cars keep to their bay.
+            inset = 0.5 * width + min(_KERB_GAP + float(rng.uniform(0.0, 0.07)), plan.lines.lanes[0] - width)
             x = plan.lines.left_kerb + inset if left else plan.lines.right_kerb - inset
             backwards = rng.random() < 0.18
             car = plan.add(
@@ -315,7 +317,7 @@ def _place_trees(plan: StreetPlan, rng: np.random.Generator) -> list[tuple[bool,
     trunks = []
     picks = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
     for left in (True, False):
-        kinds = species.kerb_kinds(plan.settings, picks)
+        kinds = kerb_kinds(plan.settings, picks)
         y = plan.lines.row_start + (4.0 if left else 8.5)
         while y < plan.lines.row_stop - 3.0:
             here = y + float(rng.uniform(-1.2, 1.2))
@@ -327,21 +329,22 @@ def _place_trees(plan: StreetPlan, rng: np.random.Generator) -> list[tuple[bool,
             if rng.random() < 0.08 or plan.lines.in_side_street(here, SIDE_HALF + 0.8, left=left):
                 continue
             x = plan.lines.left_kerb - 0.62 if left else plan.lines.right_kerb + 0.62
+            kind = next(kinds)
             tree = plan.add(
-                "vegetation", ("" if 0.0 < here < 42.0 else "far-") + next(kinds), x, here, z=plan.lines.kerb_height,
+                "vegetation", kind if 0.0 < here < 42.0 else f"far-{kind}", x, here, z=plan.lines.kerb_height,
                 heading=float(rng.uniform(0.0, 2.0 * math.pi)), variant=int(rng.integers(TREE_MODELS)),
                 size=(float(rng.uniform(0.92, 1.1)),),
             )  # fmt: skip
-            plan.block(tree, disc(x, here, 0.3 if tree.kind.endswith("plane") else 0.2))
+            plan.block(tree, disc(x, here, SPECIES[kind].footing))
             trunks.append((left, here))
-    beyond = species.garden_kinds(picks)
-    for x in (-9.0, -3.2, 3.4, 9.6, 16.0):  # beyond the cross street
+    beyond = garden_kinds(picks)
+    for x, kind in zip((-9.0, -3.2, 3.4, 9.6, 16.0), beyond, strict=False):  # beyond the cross street
         tree = plan.add(
-            "vegetation", f"far-{next(beyond)}", x + float(rng.uniform(-0.8, 0.8)), plan.lines.road_stop + 0.6,
+            "vegetation", f"far-{kind}", x + float(rng.uniform(-0.8, 0.8)), plan.lines.road_stop + 0.6,
             z=plan.lines.kerb_height, heading=float(rng.uniform(0.0, 6.0)), variant=int(rng.integers(TREE_MODELS)),
             size=(float(rng.uniform(1.0, 1.2)),),
         )  # fmt: skip
-        plan.block(tree, disc(tree.x, tree.y, 0.2))
+        plan.block(tree, disc(tree.x, tree.y, SPECIES[kind].footing))
     return trunks
 
 

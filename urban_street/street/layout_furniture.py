@@ -8,7 +8,7 @@ import numpy as np
 
 from urban_street.street.plan import SIDE_HALF, Spot
 from urban_street.street.planning import StreetPlan
-from urban_street.street.species import SPECIES
+from urban_street.street.species import species_of
 
 #: Start of the furniture along the street, metres, so that it is not near the cameras.
 _FIRST = 6.0
@@ -36,8 +36,7 @@ def _towards_houses(*, left: bool) -> float:
 
 
 def _place_pits(plan: StreetPlan) -> None:
-    trees = [p for p in plan.placements if p.object_class == "vegetation" and p.kind.removeprefix("far-") in SPECIES]
-    for tree in trees:
+    for tree in [placement for placement in plan.placements if species_of(placement.kind)]:
         if tree.y < plan.lines.road_stop - 3.0:
             plan.add("terrain", "pit", tree.x, tree.y, z=plan.lines.kerb_height)
 

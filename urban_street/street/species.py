@@ -70,6 +70,11 @@ class Species:
     leader: bool = False
     stakes: bool = False
 
+    @property
+    def footing(self) -> float:
+        """Radius of what stands on the ground, metres: the trunk with its flare, or the stakes."""
+        return 0.38 if self.stakes else 1.6 * self.shape.trunk
+
     def from_afar(self) -> Species:
         """Return the same tree with fewer and larger cards."""
         shape = self.shape
@@ -162,7 +167,7 @@ SPECIES: Final = {
         hang=-0.2, leader=True, stakes=True,
     ),
     "spruce": Species(
-        TreeSettings(11.0, 1.0, 2.2, 0.15, clusters=270, branches=96, leaves=3, leaf=0.70, rise=-0.10), _CONE,
+        TreeSettings(11.0, 1.9, 2.2, 0.15, clusters=270, branches=96, leaves=3, leaf=0.70, rise=-0.10), _CONE,
         Leaf(_NEEDLE, 0.10, (0.021, 0.048, 0.022), (0.021, 0.048, 0.022), (0.034, 0.075, 0.026), along=34, twigs=5),
         bark=("bark-pine", (0.62, 0.55, 0.52)), hang=0.35, leader=True,
     ),
@@ -172,11 +177,19 @@ SPECIES: Final = {
         bark=("bark-pine", (1.0, 1.0, 1.0)), hang=-0.35, leader=True,
     ),
     "willow": Species(
-        TreeSettings(9.0, 2.4, 3.2, 0.24, clusters=215, branches=56, leaves=3, leaf=0.88, rise=0.12), _DOME,
+        TreeSettings(9.0, 2.7, 3.2, 0.24, clusters=215, branches=56, leaves=3, leaf=0.88, rise=0.12), _DOME,
         Leaf(_LANCE, 0.16, (0.090, 0.142, 0.042), (0.40, 0.32, 0.050), (0.15, 0.21, 0.045), along=13, twigs=3),
         bark=("bark", (0.82, 0.80, 0.70)), hang=1.6,
     ),
 }  # fmt: skip
+
+
+def species_of(kind: str) -> Species | None:
+    """Return the species of a placement of this kind, simplified for ``far-…``; None if it is no tree."""
+    name = kind.removeprefix("far-")
+    species = SPECIES.get(name)
+    return species if species is None or name == kind else species.from_afar()
+
 
 #: Kinds for kerbs, with the share of each among single trees, and kinds that need a garden's room.
 _KERB: Final = {
