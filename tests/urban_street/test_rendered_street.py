@@ -33,7 +33,7 @@ EVALUATED = {7, 8, 11, 12, 13, 17, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 32, 3
 #: Places with a good view of each class: a driver's, and four farther along the street.
 CAMERAS = {
     "as a driver": ((2.5, -12.0, 1.4), 0.0, 50.0),
-    "walls and heavy vehicles": ((2.5, 80.0, 2.0), 0.0, 35.0),
+    "walls and heavy vehicles": ((2.5, 80.0, 2.0), 0.0, 40.0),
     "the cyclist who waits": ((2.5, 70.0, 2.5), 180.0, 35.0),
     "a traffic light": ((2.5, 30.0, 2.0), 330.0, 35.0),
     "a motorcycle": ((2.5, 100.0, 2.0), 180.0, 35.0),

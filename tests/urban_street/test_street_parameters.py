@@ -137,6 +137,12 @@ def another_character(thing: str, value: Value, before: Facts) -> Facts:
     return changed
 
 
+def another_face(thing: str, value: Value, before: Facts) -> Facts:
+    (seen,) = (path for path in below(thing, "shown", before) if before[f"{path} shown"])
+    hidden = {f"{seen} shown": False}
+    return hidden | {f"{thing} shown": False} if value == "absent" else hidden | {f"{thing}.{value} shown": True}
+
+
 def held(name: str, *, already: str = "") -> Expected:
     """Expect another stance of every character of the person, and another shape of all but the one ``already`` so."""
 
@@ -249,6 +255,7 @@ TABLE: dict[str, list[tuple[Value, Expected]]] = {
     "building pos.y": [(-1.5, itself("y"))],
     "building rot.z": [(4.0, turned)],
     "building scale": [(-0.125, resized)],
+    "traffic-sign face": [("stop", another_face), ("absent", another_face)],
     "sun azimuth": [(250.0, of("sun", "azimuth"))],
     "sun elevation": [(12.0, of("sun", "elevation")), (-8.0, of("sun", "elevation"))],
     "sun irradiance": [(0.5, of("sun", "irradiance"))],

@@ -1,4 +1,4 @@
-"""The independent oracle: rays through pixel centres, which Embree traces through plain triangles."""
+"""The independent oracle: rays through pixel centres, which Embree traces through triangles and where alpha cuts them."""
 
 from __future__ import annotations
 
@@ -20,14 +20,68 @@ from valerie.scene.graph.model import Camera, Scene
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
+    """Visible triangles.
+
+    Attributes:
+        labels, instances: (N,).
+        uvs: (N, 3, 2).
+        cuts: (N,) index of what cuts a triangle, −1 for nothing.
+        cutouts: alpha of a texture, (height, width) in 0…1, and the smallest alpha that is seen.
+    """
+
     intersector: RayMeshIntersector
     labels: NDArray[np.uint8]
     instances: NDArray[np.uint16]
+    uvs: NDArray[np.float64]
+    cuts: NDArray[np.int64]
+    cutouts: tuple[tuple[NDArray[np.float64], float], ...]
+
+    def first_hits(self, origins: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the index of the first triangle that each ray, (M, 3), meets where it is not cut out; −1 for none."""
+        hits = self.intersector.intersects_first(origins, rays)
+        origins, going = origins.copy(), np.flatnonzero(self.cuts[hits] >= 0)
+        while len(going := going[(hits[going] >= 0) & (self.cuts[hits[going]] >= 0)]):
+            along, seen = self._at(hits[going], origins[going], rays[going])
+            going = going[~seen]
+            # Behind the card by more than the rounding of a hit, in metres. At grazing angles, the hit may seem to lie behind.
+            origins[going] += (np.maximum(along[~seen], 0.0) + 1e-4)[:, None] * rays[going]
+            hits[going] = self.intersector.intersects_first(origins[going], rays[going])
+        return hits
+
+    def _at(
+        self, hit: NDArray[np.int64], origins: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the way to each hit in lengths of its ray, and where alpha leaves the triangle."""
+        corners = self.intersector.mesh.triangles[hit]
+        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], -rays], axis=2)
+        u, v, along = np.linalg.solve(edges, (origins - corners[:, 0])[..., None])[..., 0].T
+        places = np.einsum("nk,nki->ni", np.stack([1.0 - u - v, u, v], axis=1), self.uvs[hit])
+        seen = np.zeros(len(hit), np.bool_)
+        for number, (alpha, cutoff) in enumerate(self.cutouts):
+            here = self.cuts[hit] == number
+            seen[here] = blended(alpha, places[here]) >= cutoff
+        return along, seen
+
+
+def blended(alpha: NDArray[np.float64], uvs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a repeated texture, (height, width), at (N, 2) coordinates, blended from four texels as OpenGL does."""
+    height, width = alpha.shape
+    x, y = uvs[:, 0] * width - 0.5, uvs[:, 1] * height - 0.5
+    column, row = np.floor(x).astype(int), np.floor(y).astype(int)
+    right, down = x - column, y - row
+    upper, lower = (
+        alpha[(row + j) % height, column % width] * (1 - right)
+        + alpha[(row + j) % height, (column + 1) % width] * right
+        for j in (0, 1)
+    )
+    mixed: NDArray[np.float64] = upper * (1 - down) + lower * down
+    return mixed
 
 
 def triangles_of(scene: Scene, *, only_instance: int | None = None) -> Triangles:
     """Return all visible triangles in the world."""
-    corners, labels, instances = [], [], []
+    corners, labels, instances, uvs, cuts = [], [], [], [], []
+    numbers: dict[tuple[str, float], int] = {}
     for node in scene.nodes.values():
         path, visible = node.path, True
         while path in scene.nodes:
@@ -41,9 +95,23 @@ def triangles_of(scene: Scene, *, only_instance: int | None = None) -> Triangles
             corners.append(points[mesh.faces])
             labels.append(np.full(len(mesh.faces), node.label_id, np.uint8))
             instances.append(np.full(len(mesh.faces), node.instance_id, np.uint16))
+            uvs.append(mesh.uvs.astype(np.float64)[mesh.faces])
+            material, number = scene.materials[mesh.material], -1
+            if material.alpha_cutoff is not None and material.base_color_texture is not None:
+                number = numbers.setdefault((material.base_color_texture, material.alpha_cutoff), len(numbers))
+            cuts.append(np.full(len(mesh.faces), number))
     soup = np.concatenate(corners)
     mesh = trimesh.Trimesh(soup.reshape(-1, 3), np.arange(len(soup) * 3).reshape(-1, 3), process=False)
-    return Triangles(RayMeshIntersector(mesh), np.concatenate(labels), np.concatenate(instances))
+    cutouts = tuple((scene.textures[name].image[..., 3] / 255.0, cutoff) for name, cutoff in numbers)
+    intersector = RayMeshIntersector(mesh)
+    return Triangles(
+        intersector,
+        np.concatenate(labels),
+        np.concatenate(instances),
+        np.concatenate(uvs),
+        np.concatenate(cuts),
+        cutouts,
+    )
 
 
 def pixel_rays(
@@ -76,7 +144,7 @@ def trace(
     """Trace class map, instance map and depth along the optical axis, for rays as in `pixel_rays`."""
     rays = pixel_rays(camera, view, row, right=right, down=down).reshape(-1, 3)
     origins = np.broadcast_to(camera.position, rays.shape)
-    hit = triangles.intersector.intersects_first(origins, rays)
+    hit = triangles.first_hits(origins, rays)
     hits = hit >= 0
     classes = np.where(hits, triangles.labels[hit], SKY.id).astype(np.uint8)
     instances = np.where(hits, triangles.instances[hit], 0).astype(np.uint16)
@@ -114,7 +182,7 @@ def footprints(triangles: Triangles, camera: Camera, view: View) -> Footprints:
     for right, down in product((0.0, -FOOTPRINT, FOOTPRINT), repeat=2):
         rays = pixel_rays(camera, view, right=right, down=down).reshape(-1, 3)
         origins = np.broadcast_to(camera.position, rays.shape)
-        hit = triangles.intersector.intersects_first(origins, rays)
+        hit = triangles.first_hits(origins, rays)
         corners = triangles.intersector.mesh.triangles[hit]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         towards = (rays * normal).sum(axis=1)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from tests.sampling import enough_to_show
-from tests.unit.rendering.scene_rays import SNAP, pixel_rays
+from tests.unit.rendering.scene_rays import SNAP, blended, pixel_rays
 from valerie.rendering.base import Renderer, View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.pyrender.renderer import PyrenderRenderer
@@ -75,13 +75,8 @@ def solid(scene: Scene, view: View, *, right: float = 0.0, down: float = 0.0) ->
     offset = CAMERA.position + rays * way[..., None] - corners[0]
     s, t = offset @ across / (across @ across), offset @ up / (up @ up)
     inside = (way > 0) & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
-    u = np.where(inside, s * mesh.uvs[1, 0], 0.0) * SIDE - 0.5
-    v = np.where(inside, (1.0 - t) * mesh.uvs[0, 1], 0.0) * SIDE - 0.5
-    x, y = np.floor(u).astype(int), np.floor(v).astype(int)
-    read = [alpha[(y + j) % SIDE, (x + i) % SIDE] for j in (0, 1) for i in (0, 1)]
-    fu, fv = u - x, v - y
-    blended = (read[0] * (1 - fu) + read[1] * fu) * (1 - fv) + (read[2] * (1 - fu) + read[3] * fu) * fv
-    hit: NDArray[np.bool_] = inside & (blended >= 0.5)
+    hit = np.zeros(inside.shape, np.bool_)
+    hit[inside] = blended(alpha, np.stack([s * mesh.uvs[1, 0], (1.0 - t) * mesh.uvs[0, 1]], axis=-1)[inside]) >= 0.5
     return hit
 
 
