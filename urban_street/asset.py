@@ -19,8 +19,8 @@ y    distance     pixel area, alone
 35   47.0…47.5 m  0.07…0.11 %
 ==== ============ ===================
 
-In 22…39 % of a camera's frames the person is occluded by 5…75 %, and in about half by more than 5 %; 3…5 % of the persons are
-fully hidden. The paper's 17…38.2 m correspond to y 5…26.
+In 24…33 % of a camera's frames the person is occluded by 5…75 %, and in about half by more than 5 %; 8…13 % of the persons are
+fully hidden (``valerie plan --truth-only``). The paper's 17…38.2 m correspond to y 5…26.
 """
 
 from __future__ import annotations

@@ -175,7 +175,9 @@ def number_plate() -> Bag:
     """Build a plate of 52 × 11 cm around the origin, facing −y, with the first of the `PLATES` numbers."""
     bag = Bag()
     v0, v1 = 0.0, 1.0 / PLATES
-    corners = [[(-0.26, -0.006, -0.055), (0.26, -0.006, -0.055), (0.26, -0.006, 0.055), (-0.26, -0.006, 0.055)]]
+    # In front of its holder by more than a step of distant depths, which are of 24 bits.
+    y = -0.012
+    corners = [[(-0.26, y, -0.055), (0.26, y, -0.055), (0.26, y, 0.055), (-0.26, y, 0.055)]]
     bag.add("vehicle-plate", quads(corners, [[(0.0, v1), (1.0, v1), (1.0, v0), (0.0, v0)]]))
     bag.add("vehicle-plastic", boxes([[-0.267, -0.005, -0.062]], [[0.267, 0.02, 0.062]], skip=("+y",)))
     return bag
