@@ -214,7 +214,7 @@ people: setup-dev ## Render docs/images/people.jpg: every character and pose of 
 	@exec $(PYTHON_BIN) -m tools.people
 
 .PHONY: screenshots
-screenshots: setup-dev ## Take the dashboard's pictures of docs/images/ from the first run (minutes; Chromium)
+screenshots: setup-dev ## Take pictures of docs/images/ from the first run, most of the dashboard (minutes; Chromium)
 	@exec $(PYTHON_BIN) -m tools.screenshots
 
 .PHONY: notebook

@@ -1,4 +1,4 @@
-"""Take the dashboard's pictures of the documentation from a run of examples/first-run.yaml: ``make screenshots``.
+"""Take pictures of the documentation from a run of examples/first-run.yaml, most of the dashboard: ``make screenshots``.
 
 The run uses the data folder of ``make run``, so what is there is not computed again. A server that runs is used.
 """
@@ -17,6 +17,7 @@ import httpx
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
+from tools.contact_sheet import captioned, contact_sheet, save_sheet
 from valerie.embedded import running
 from valerie.embedded.supervisor import Supervisor
 from valerie.settings import load_settings
@@ -24,7 +25,10 @@ from valerie.settings import load_settings
 ROOT: Final = Path(__file__).parents[1]
 SPEC: Final = ROOT / "examples" / "first-run.yaml"
 IMAGES: Final = ROOT / "docs" / "images"
+#: Variant, camera and sensor of the frame that is shown alone.
+FRAME: Final = "5.0.0"
 _WIDTH: Final = 1280
+_TILE: Final = (720, 405)
 _FLAGS: Final = ("--no-sandbox", "--disable-gpu")
 _LOADED: Final = (
     "() => !document.querySelector('.waiting') && [...document.images]"
@@ -63,7 +67,7 @@ def _lower(page: Page) -> None:
 FAR: Final = "dashboard/#/explore?runs={run}&where=distance_m+%3E+25+and+pacc+%3C+0.5"
 SCREENSHOTS: Final = (
     Screenshot(
-        "dashboard", "dashboard/#/frames/{run}.5.0.0?view=errors&near=1", ".viewer img[src]", 900, _read_a_pixel
+        "dashboard", f"dashboard/#/frames/{{run}}.{FRAME}?view=errors&near=1", ".viewer img[src]", 900, _read_a_pixel
     ),
     Screenshot("explore", FAR, ".thumbnail:not(.waiting)", 1750),
     Screenshot(
@@ -93,6 +97,20 @@ def finished_run(url: str) -> str:
     return run_id
 
 
+def frame_sheet(url: str, run: str) -> Image.Image:
+    """Return a frame's picture, and truth and predictions over it."""
+    functions = ("deeplabv3plus-small", "semantic-fpn-small")
+    views = [("rendered picture", {"kind": "picture"}), ("ground truth", {"kind": "truth-overlay"})]
+    views += [(name, {"kind": "overlay", "function": name}) for name in functions]
+    tiles = []
+    with httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
+        for caption, parameters in views:
+            answer = client.get(f"/v1/frames/{run}.{FRAME}/image", params=parameters).raise_for_status()
+            picture = Image.open(io.BytesIO(answer.content)).convert("RGB").resize(_TILE, Image.Resampling.LANCZOS)
+            tiles.append(captioned(picture, _TILE, caption))
+    return contact_sheet(tiles, 2)
+
+
 def take(page: Page, url: str, run: str, shot: Screenshot) -> bytes:
     """Open a page and return its picture as PNG."""
     page.set_viewport_size({"width": _WIDTH, "height": shot.height})
@@ -118,6 +136,7 @@ def main() -> None:
         held = running.acquire(settings.data_dir)
         url = stack.enter_context(Supervisor(settings, held)).url if isinstance(held, running.Lock) else held.url
         run = finished_run(url)
+        save_sheet(frame_sheet(url, run), IMAGES / "first-run.jpg")
         browser = stack.enter_context(sync_playwright()).chromium.launch(executable_path=program, args=[*_FLAGS])
         page = browser.new_page(reduced_motion="reduce")
         for shot in SCREENSHOTS:
