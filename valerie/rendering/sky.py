@@ -2,8 +2,8 @@
 
 Single scattering in a spherical atmosphere after Nishita et al. 1993, "Display of the Earth taking into account
 atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate of the higher orders. Rayleigh
-coefficients and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x). Haze
-follows from turbidity by its definition: the ratio of the vertical optical thickness of haze and air to that of air, at
+coefficients and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x), absorption
+by ozone is that of Hillaire 2020 (doi:10.1111/cgf.14050): without it, the sky of a low sun is olive. Haze follows from turbidity by its definition: the ratio of the vertical optical thickness of haze and air to that of air, at
 550 nm.
 
 Units. All radiances here and in the linear image are `EXPOSURE` × π × radiance. The sun's luminance at the ground is the
@@ -53,6 +53,8 @@ _TOP: Final = 6_420e3
 _RAYLEIGH: Final = np.array([5.8e-6, 13.5e-6, 33.1e-6])
 _RAYLEIGH_HEIGHT: Final = 8_000.0
 _MIE_HEIGHT: Final = 1_200.0
+#: Absorption by ozone at 25 km, where it is densest, per metre. It falls to nothing over 15 km above and below.
+_OZONE: Final = np.array([0.65e-6, 1.881e-6, 0.085e-6])
 #: Haze scatters blue more than red: (λ / 550 nm)^−1.3 (Ångström 1929) at 680, 550 and 440 nm.
 _MIE_SPECTRUM: Final = np.array([0.76, 1.0, 1.34])
 _MIE_ALBEDO: Final = 0.9
@@ -322,8 +324,8 @@ def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array,
     middle, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)
     points = origin + directions[:, None, :] * middle[..., None]
     height = np.maximum(np.linalg.norm(points, axis=-1) - _GROUND, 0)
-    air, haze = np.exp(-height / _RAYLEIGH_HEIGHT), np.exp(-height / _MIE_HEIGHT)
-    extinction = air[..., None] * _RAYLEIGH + (haze * mie)[..., None] * _MIE_SPECTRUM
+    air, haze, ozone = _densities(height)
+    extinction = air[..., None] * _RAYLEIGH + (haze * mie)[..., None] * _MIE_SPECTRUM + ozone[..., None] * _OZONE
     travelled = np.cumsum(extinction * step[..., None], axis=1) - extinction * step[..., None] / 2
     to_sun = _thickness(points.reshape(-1, 3), np.broadcast_to(toward_sun, (points.size // 3, 3)), mie)
     reaching = np.exp(-travelled - to_sun.reshape(travelled.shape)) * _SUN_ABOVE_AIR
@@ -346,12 +348,16 @@ def _thickness(points: Array, directions: Array, mie: float) -> Array:
     edges = (np.linspace(0, 1, _SUN_SAMPLES + 1) ** 2)[None, :] * length[:, None]
     middle, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)
     samples = points[:, None, :] + directions[:, None, :] * middle[..., None]
-    height = np.linalg.norm(samples, axis=-1) - _GROUND
-    height = np.maximum(height, 0)
-    air = (np.exp(-height / _RAYLEIGH_HEIGHT) * step).sum(axis=1)
-    haze = (np.exp(-height / _MIE_HEIGHT) * step).sum(axis=1)
-    thickness: Array = air[:, None] * _RAYLEIGH + (haze * mie)[:, None] * _MIE_SPECTRUM
+    height = np.maximum(np.linalg.norm(samples, axis=-1) - _GROUND, 0)
+    air, haze, ozone = ((density * step).sum(axis=1)[:, None] for density in _densities(height))
+    thickness: Array = air * _RAYLEIGH + haze * mie * _MIE_SPECTRUM + ozone * _OZONE
     return thickness
+
+
+def _densities(height: Array) -> tuple[Array, Array, Array]:
+    """Return the densities of air, haze and ozone at a height, metres, as shares of the largest."""
+    ozone = np.maximum(1.0 - np.abs(height - 25_000.0) / 15_000.0, 0.0)
+    return np.exp(-height / _RAYLEIGH_HEIGHT), np.exp(-height / _MIE_HEIGHT), ozone
 
 
 def _to_sphere(points: Array, directions: Array, radius: float) -> Array:

@@ -53,7 +53,7 @@ class PyrenderRenderer:
     """
 
     name: ClassVar[str] = "pyrender"
-    revision: ClassVar[int] = 5
+    revision: ClassVar[int] = 6
 
     def __init__(self) -> None:
         self._library = _import_pyrender()

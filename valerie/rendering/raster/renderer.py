@@ -64,7 +64,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 19
+    revision: ClassVar[int] = 20
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
