@@ -3,8 +3,8 @@
 Single scattering in a spherical atmosphere after Nishita et al. 1993, "Display of the Earth taking into account
 atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate of the higher orders. Rayleigh
 coefficients and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x), absorption
-by ozone is that of Hillaire 2020 (doi:10.1111/cgf.14050): without it, the sky of a low sun is olive. Haze follows from turbidity by its definition: the ratio of the vertical optical thickness of haze and air to that of air, at
-550 nm.
+by ozone is that of Hillaire 2020 (doi:10.1111/cgf.14050); without it, the sky of a low sun is olive. Haze follows
+from turbidity by its definition: the ratio of the vertical optical thickness of haze and air to that of air, at 550 nm.
 
 Units. All radiances here and in the linear image are `EXPOSURE` × π × radiance. The sun's luminance at the ground is the
 scene's `Sun.irradiance` at every elevation above `DUSK`. Its colour and the ratio of sky to sun follow from the model
@@ -198,9 +198,9 @@ def _dusk(sun_color: Array, table: Array, elevation: float) -> tuple[Array, Arra
     day = _smooth((degrees - _SUNSET) / (DUSK - _SUNSET))
     lux = model**day * twilight_lux(degrees) ** (1 - day)
     share = lux / model
-    # The single scattering model has no ozone, which absorbs the yellow on long paths through the air.
-    blue = _TWILIGHT / float(_TWILIGHT @ LUMINANCE)
-    tinted = table * blue ** _smooth((DUSK - degrees) / 9.0)
+    # The model's sun does not sink, which would lengthen the way of its light through ozone; so the hue passes to twilight's.
+    blue, own = (color / float(color @ LUMINANCE) for color in (_TWILIGHT, _horizontal(table)))
+    tinted = table * (blue / own) ** _smooth((DUSK - degrees) / 9.0)
     tinted *= float(_horizontal(table) @ LUMINANCE) / float(_horizontal(tinted) @ LUMINANCE) * share
     even = _smooth((-4.0 - degrees) / 8.0)
     table = (1 - even) * tinted + even * blue * float(_horizontal(tinted) @ LUMINANCE)
