@@ -57,7 +57,7 @@ def report(context: Context, study_id: str) -> str:
             id=study.id,
             name=study.name,
             question=study.document.goal.question,
-            state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
+            state=f"The study is {study.state}." + (f" {_sentence(study.reason)}" if study.reason else ""),
             ended=study.state.is_final,
             sentences=() if result is None else (*result.sentences, *conditions),
             outlook=outlook(study, batches, result) or "",
@@ -159,6 +159,11 @@ def _differences(
         pixels, gain = brightened_difference(*painted)
         caption = f"Absolute difference of the failing and the passing picture, {gain:.3g} times as bright."
         yield ShownPicture(f"Difference, {name}", "", caption, " − ".join(map(str, keys)), jpeg(pixels))
+
+
+def _sentence(reason: str) -> str:
+    """Return a reason, which may lack a capital or a full stop, as a sentence."""
+    return f"{reason[0].upper()}{reason[1:].removesuffix('.')}."
 
 
 def _conditions(
