@@ -42,7 +42,7 @@ class TrafficPlace:
         kinds: kinds of which one or none is visible; empty for a vehicle with a single kind.
         rider: name of its rider's node, if it has a rider.
         seed: seed of its rims and number plate.
-        shown: whether it is there by default, a car in the first of its kinds.
+        shown: True if it is there by default, a car in the first of its kinds.
         paints: names of the paints that it can have.
     """
 

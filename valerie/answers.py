@@ -298,7 +298,7 @@ class Study(Answer):
     Attributes:
         state: running, paused, finished or stopped.
         reason: the event that it waits for, or the reason why it ended.
-        by_hand: whether a person accepts each batch.
+        by_hand: True if a person accepts each batch.
         result: its result; None while nothing is known.
         outlook: what is missing for the goal and its cost, in words; None where that is not known, and in a list of studies.
         batches: its batches; empty in a list of studies.

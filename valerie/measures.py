@@ -89,13 +89,13 @@ class Measure:
         unit: unit of the shown number, which is multiplied by ``scale``.
         scale: factor from the column's unit to the shown one. Rates are shown in per cent.
         digits: decimals of a shown number.
-        required: whether every row of the long table has a value. A new measure is not required, since rows from before lack it.
+        required: True if every row of the long table has a value. A new measure is not required, since rows from before lack it.
         low, high: bounds of the values, in the column's unit; None if unbounded.
         bin_width: width of the bins of pACC over this column, in the column's unit; None if the report does not plot it. Only for
             measures that do not depend on a function.
-        is_tested: whether findings test it as an explanation of pACC. Redundant measures are not tested: they would hide each
+        is_tested: True if findings test it as an explanation of pACC. Redundant measures are not tested: they would hide each
             other.
-        is_queried: whether error models are fitted over it by default.
+        is_queried: True if error models are fitted over it by default.
     """
 
     name: str

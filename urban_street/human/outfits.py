@@ -27,7 +27,7 @@ class Garment:
         texture: paints its colour and relief.
         roughness, specular: material of the cloth.
         thickness: thickness of the hems, metres.
-        over: whether it is worn over the garments before it.
+        over: True if it is worn over the garments before it.
     """
 
     name: str

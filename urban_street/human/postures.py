@@ -47,7 +47,7 @@ class Hands:
     """The goals of both hands, each None if it swings or hangs freely.
 
     Attributes:
-        metres: whether the places are metres instead of leg lengths.
+        metres: True if the places are metres instead of leg lengths.
         lean_deg: additional lean of the trunk.
         stride: factor of the steps.
     """

@@ -230,7 +230,7 @@ def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[I
     Args:
         faces: (F, 3).
         corner_uvs: (F, 3, 2) texture coordinates of each face's corners.
-        wraps: whether u has period 1; a face across the wrap then gets coordinates beyond 1.
+        wraps: True if u has period 1; a face across the wrap then gets coordinates beyond 1.
 
     Returns:
         (V',) old vertex of each new vertex, (V', 2) its texture coordinates, (F, 3) new faces.

@@ -29,7 +29,7 @@ class Collar:
         rows: (metres up along the neck, metres outwards) of each ring above the neckline, from the seam on. A folded collar has
             a profile that turns down again.
         opening: drop of the front, as a share of the height.
-        folded: whether the profile turns down outside, so that the inside of the cloth is visible.
+        folded: True if the profile turns down outside, so that the inside of the cloth is visible.
     """
 
     rows: tuple[tuple[float, float], ...]

@@ -32,7 +32,7 @@ class StreetPart:
         transform: (4, 4), to the parent's frame; to the world for objects.
         meshes: one mesh per material, shared by identity between equal objects.
         light: a lamp at the node's origin.
-        shown: whether it is visible by default.
+        shown: True if it is visible by default.
     """
 
     path: str

@@ -74,7 +74,7 @@ class StreetLines:
         road_start, road_stop, row_start, row_stop: y of the ends of carriageway and rows of houses.
         crossings: y of the middles of the zebra crossings.
         side_y: y of the middle of the side street, or None.
-        sides: whether it branches off to the left, and to the right.
+        sides: True if it branches off to the left, and to the right.
     """
 
     left_front: float

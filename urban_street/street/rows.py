@@ -25,7 +25,7 @@ def add_row(
     """Add houses whose fronts form a line of ``length`` metres that begins at ``spot``, their left end seen from the street.
 
     Args:
-        corners: whether the walls at the two ends of the row are second fronts.
+        corners: True if the walls at the two ends of the row are second fronts.
     """
     at, previous = 0.0, ""
     while at < length - 0.1:

@@ -26,7 +26,7 @@ class Leaf:
         twigs: number of pairs of side twigs.
         leaflets: leaflets that spread from each stalk; 1 for a simple leaf.
         summer, autumn, spring: linear colours. A kind whose autumn is its summer is evergreen.
-        blossoms: whether it carries flowers of the spring's colour before its leaves.
+        blossoms: True if it carries flowers of the spring's colour before its leaves.
     """
 
     outline: Line
@@ -58,8 +58,8 @@ class Species:
         leaf: its leaves.
         bark: texture of the bark, and a factor of its colour.
         hang: direction of twigs: −1 up, 0 outwards, 1 straight down.
-        leader: whether the trunk runs up to the top.
-        stakes: whether stakes hold it upright.
+        leader: True if the trunk runs up to the top.
+        stakes: True if stakes hold it upright.
     """
 
     shape: TreeSettings
@@ -72,7 +72,7 @@ class Species:
 
     @property
     def footing(self) -> float:
-        """Radius of what stands on the ground, metres: the trunk with its flare, or the stakes."""
+        """Return the radius of what stands on the ground, metres: the trunk with its flare, or the stakes."""
         return 0.38 if self.stakes else 1.6 * self.shape.trunk
 
     def from_afar(self) -> Species:

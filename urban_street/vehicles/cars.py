@@ -59,7 +59,7 @@ def wheels(
         design: design of the rims, a key of `RIMS`.
         x: x of the outer faces on the right, metres.
         axles: y of the axles, metres.
-        twin: whether all axles but the first have two wheels on each side.
+        twin: True if all axles but the first have two wheels on each side.
         fine: see `build_wheel`.
     """
     wheel = build_wheel(size, design, fine=fine)

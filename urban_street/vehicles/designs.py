@@ -34,15 +34,15 @@ class CarDesign:
         posts: (y at the belt, y at the roof) of the posts between the side windows, front to rear.
         doors: y of the front edge of the front doors, of the middle gap, and of the rear doors' end.
         quarter: (y at the belt, y at the roof) of the glass's rear end.
-        hatch: whether the tail opens with the rear window, without a boot lid.
+        hatch: True if the tail opens with the rear window, without a boot lid.
         head, tail_lamp, grille, intake: outlines on nose and tail, for the half x ≥ 0: (share of the half width along the bow,
             rail) corners; rails as in `Section`, from 0 to 8.
         plate: rail of the number plate's middle, front and rear.
-        roof_rails: whether there are bars along the roof.
-        cladding: whether lower edge and arches are unpainted.
-        panel_van: whether there are no side windows behind the front doors.
+        roof_rails: True if there are bars along the roof.
+        cladding: True if lower edge and arches are unpainted.
+        panel_van: True if there are no side windows behind the front doors.
         glass_top: upper edges of all panes, by the usual share of the way from belt to roof.
-        two_doors: whether there are no rear doors.
+        two_doors: True if there are no rear doors.
         back: what is behind the doors: ``closed``; ``open``, a cabin without a roof; ``bed``, a pick-up's; ``box``, a body of
             its own (`box`).
         box: of a separate body: (y of tail and front, width, z of floor and top, y to which it reaches above the cab).
@@ -51,7 +51,7 @@ class CarDesign:
         projectors: (share of the lamp's width from its outside, radius) of the projectors in a head lamp.
         bars: bars of grille and intake; no grille bars for a closed front, negative for upright ones.
         roof: material of the roof.
-        fin: whether there is an aerial like a fin on the roof.
+        fin: True if there is an aerial like a fin on the roof.
         livery: coloured fields on the flanks: (material, y from, y to, rail from, rail to).
         extras: names of `urban_street.vehicles.extras.EXTRAS`.
         beyond: by how much extras, or a box, lengthen each end and heighten the whole, metres.

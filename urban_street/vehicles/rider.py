@@ -32,7 +32,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     Args:
         mount: ``bicycle`` or ``motorcycle``.
         character: a name of `urban_street.human.CHARACTERS`.
-        helmet: whether to wear a helmet; None for a helmet only on a motorcycle.
+        helmet: True to wear a helmet; None for a helmet only on a motorcycle.
 
     Returns:
         One part, ``body``, whose shape is computed when it is first read. The class is ``rider``, and the footprint is the

@@ -138,7 +138,7 @@ def flange(patch: Patch, depth: float, *, middle: bool = False) -> Surface:
     Args:
         patch: the patch with the border.
         depth: metres against the normals; negative to go outwards.
-        middle: whether to include the plane x = 0, at which the mirrored half continues.
+        middle: True to include the plane x = 0, at which the mirrored half continues.
     """
     points, normals = patch.surface.positions, patch.surface.normals
     rim = patch.rim

@@ -96,7 +96,7 @@ class Ranking(Result):
         screened_out: negligible dimensions.
         blocks: number of whole blocks, without those before a readmission.
         broken: number of these that lack a score.
-        refused: whether too many are broken for indices.
+        refused: True if too many are broken for indices.
         evaluations: number of all points.
     """
 

@@ -154,7 +154,7 @@ class OpenBatches:
 
     Args:
         columns: number of scores of each point.
-        bounded: whether scores lie in 0…1.
+        bounded: True if scores lie in 0…1.
     """
 
     def __init__(self, columns: int = 1, *, bounded: bool = True) -> None:

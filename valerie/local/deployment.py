@@ -58,7 +58,7 @@ def folder_context(folder: Path, *, create: bool) -> Iterator[Context]:
 
     Args:
         folder: the data folder.
-        create: whether to create or migrate the database.
+        create: True to create or migrate the database.
 
     Raises:
         NotFound: there is no database, and none is to be created.

@@ -44,10 +44,10 @@ class Lamp:
         up: unit vector perpendicular to the axis; a dipped beam's cut-off is level with respect to it.
         strength: image value · m², linear RGB.
         inner, outer: radians from the axis, see `Light`.
-        dipped: whether the light has the distribution `beams.DIPPED`.
+        dipped: True if the light has the distribution `beams.DIPPED`.
         radius: radius of the luminous surface, metres.
         reach: distance beyond which the light is exactly zero, metres.
-        movable: whether the lamp is part of a movable.
+        movable: True if the lamp is part of a movable.
     """
 
     position: Vector

@@ -50,7 +50,7 @@ class Confirmation:
     Attributes:
         candidate: the contrast as the search saw it; its estimate is exaggerated, because it was chosen for its size.
         contrast: the same contrast on places that the search did not see; None if it cannot be computed there.
-        confirmed: whether they confirm it, in the same direction.
+        confirmed: True if they confirm it, in the same direction.
         adjusted_p: p-value with all candidates accounted for (Holm).
         low, high: interval of the difference on the places that confirm. On average at most 1 − level of the intervals of
             confirmed findings miss the truth (Benjamini & Yekutieli 2005, doi:10.1198/016214504000001907), and none of
@@ -60,7 +60,7 @@ class Confirmation:
             has one, or if no affordable number suffices.
         places_needed: number of fresh places with which 90 % of runs confirm an effect half as large as the search saw,
             with all candidates accounted for; None if no affordable number suffices.
-        alike: whether neighbouring places are alike in what is compared, so that they are no independent evidence.
+        alike: True if neighbouring places are alike in what is compared, so that they are no independent evidence.
     """
 
     candidate: Contrast
@@ -118,7 +118,7 @@ def search(
 
     Args:
         observations: the places to search.
-        interactions: whether to test differences of differences too.
+        interactions: True to test differences of differences too.
         only: the changes to test; None: all.
     """
     from scipy.stats import false_discovery_control

@@ -77,7 +77,7 @@ class Contrast:
         pairs: pairs of rows (groups of four for an interaction) that differ only in the changes.
         parameters: coefficients that the places determine besides the spread.
         figures: of the places whose mean is the estimate; or of the places on both sides, before and after.
-        alike: whether neighbouring places of one site have more similar figures than independent ones
+        alike: True if neighbouring places of one site have more similar figures than independent ones
             (`valerie.statistics.neighbours`), so that error and p-value are too small. Then there is no interval.
     """
 
@@ -147,7 +147,7 @@ def contrasts(
 
     Args:
         observations: the rows.
-        interactions: whether to compare differences too: of two factors that change within places, or of one that does
+        interactions: True to compare differences too: of two factors that change within places, or of one that does
             and one that changes from place to place.
         only: the changes to test, in this order; those that the rows cannot show are left out.
 

@@ -174,12 +174,12 @@ class Changes:
     Attributes:
         difference: average of the last third of the rows along the axis less that of the first third.
         low, high: its interval by Student's t over places; of piled scores, with an unseen place on either side.
-        falls, rises: whether simultaneous intervals prove that the average over some range of bins is below (above) that of
+        falls, rises: True if simultaneous intervals prove that the average over some range of bins is below (above) that of
             a range before it.
         most: largest difference between the averages of two bins that the intervals allow.
         bins: the averages.
         places: number of places.
-        alike: whether neighbouring places are alike, so that nothing is proven: both intervals are infinite.
+        alike: True if neighbouring places are alike, so that nothing is proven: both intervals are infinite.
     """
 
     difference: float
@@ -494,7 +494,7 @@ class _Band:
     def __init__(self, data: _Sums, single: bool, confidence: float, seed: int) -> None:
         """Args:
         data: sums by group and bin.
-        single: whether to use single bins only.
+        single: True to use single bins only.
         confidence: that all intervals hold.
         seed: of the random weights.
         """

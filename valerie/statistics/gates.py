@@ -54,11 +54,11 @@ class SliceComparison:
         t_p, rank_p, flip_p: one-sided p-values of the three tests; NaN where a test has no data.
         p_value: their combination; 1 if none has data, or places are alike.
         adjusted_p: with all slices accounted for.
-        worse: whether the slice is worse, at the gate's rate of false discoveries.
+        worse: True if the slice is worse, at the gate's rate of false discoveries.
         flips: rows with the largest drops, largest first.
         places_needed: places needed to detect the effect; None if no affordable number suffices, the deviation is unknown,
             or places are alike.
-        alike: whether neighbouring places have similar differences, so that they are no independent evidence.
+        alike: True if neighbouring places have similar differences, so that they are no independent evidence.
     """
 
     name: str

@@ -71,7 +71,7 @@ class Importance:
         loss: increase of the model's mean squared error when the column is exchanged among alike rows, as a share of the
             variance of the scores.
         p_value: one-sided, of no increase, adjusted by Holm for all columns.
-        alike: whether neighbouring places are alike in what is tested, so that p-values are too small and no column is named.
+        alike: True if neighbouring places are alike in what is tested, so that p-values are too small and no column is named.
     """
 
     column: str

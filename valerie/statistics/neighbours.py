@@ -43,7 +43,7 @@ def alike(
         figures: (G, S) of the places; NaN where a place has none.
         positions: (G, D) coordinates of the places, metres.
         fitted: (G, P) columns whose linear combination is taken from the figures first; None: their mean.
-        within: whether the figures are differences within places; this decides the level.
+        within: True if the figures are differences within places; this decides the level.
 
     Returns:
         (S,) bool: True if a column is alike, or all columns with figures at the same places together are.

@@ -231,7 +231,7 @@ def copy_objects(
     Args:
         source, target: from and to.
         keys: keys of the objects, the same in both.
-        replace: whether to replace objects that the target has.
+        replace: True to replace objects that the target has.
     """
     for key in keys:
         try:

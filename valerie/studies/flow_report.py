@@ -23,7 +23,7 @@ class ShownStage:
 
     Attributes:
         name: what is done.
-        state: whether it has been done.
+        state: True if it has been done.
         facts: its outcome in words.
     """
 

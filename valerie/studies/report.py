@@ -68,7 +68,7 @@ class StudyReport:
     """The content of the page, as text.
 
     Attributes:
-        ended: whether the study proposes no more.
+        ended: True if the study proposes no more.
         outlook: what is missing for the goal and its cost, in words; empty where nothing is, or it is not known.
         boundary: a slice of a map; None for the other goals.
         domain: name, distribution and values of each varied parameter.

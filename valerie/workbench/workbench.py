@@ -108,7 +108,7 @@ class Run:
         """Wait until the run has ended, and return it.
 
         Args:
-            progress: whether to show it on standard error.
+            progress: True to show it on standard error.
 
         Raises:
             ServerUnavailableError: the run has not ended, and no server works on the data folder.

@@ -102,7 +102,7 @@ def asphalt(
 
     Args:
         rng: source of random numbers.
-        zebra: whether there is a crossing in the middle instead of lane marks.
+        zebra: True if there is a crossing in the middle instead of lane marks.
         lane: edges of the driving lanes, metres from the left kerb, one more than there are lanes; empty for a road without
             lanes or markings.
         width: metres from kerb to kerb.

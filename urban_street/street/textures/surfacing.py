@@ -31,7 +31,7 @@ def asphalt(rng: np.random.Generator, size: tuple[float, float], *, tracks: bool
     Args:
         rng: source of random numbers.
         size: metres across and along.
-        tracks: whether tyres have polished two bands, with oil between them.
+        tracks: True if tyres have polished two bands, with oil between them.
     """
     shape = (_SIZE, _SIZE)
     texel = (size[0] / _SIZE, size[1] / _SIZE)

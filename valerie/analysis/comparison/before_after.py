@@ -62,7 +62,7 @@ class GroupDifference:
         judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
         estimand: what the mean and its interval are over.
         places_needed: places that show a change of `valerie.statistics.gates.EFFECT`; None: unknown.
-        alike: whether neighbouring places have similar differences, so that they are no independent evidence.
+        alike: True if neighbouring places have similar differences, so that they are no independent evidence.
     """
 
     mean: float

@@ -68,7 +68,7 @@ class Finding:
         function: the tested function; empty if functions are compared.
         steps: one for a main effect; two for an interaction: the effect of the first depends on the second.
         matching: rule by which the sides are matched.
-        confirmed: whether places that had no part in the search confirm it.
+        confirmed: True if places that had no part in the search confirm it.
         effect: mean pACC after − before, −1…1, on the confirming places; on the searched places for a candidate that the
             others cannot show.
         low, high: interval of the effect, jointly valid for all confirmed findings; None if it is unknown, as where few places
@@ -84,7 +84,7 @@ class Finding:
         estimand: what the effect and its interval are over.
         places_for_size: places that would show the size of an effect without interval; None: these do, the effect is not
             shown either, or no affordable number suffices.
-        alike: whether neighbouring places are alike in what is compared, so that fresh ones of this site cannot confirm it.
+        alike: True if neighbouring places are alike in what is compared, so that fresh ones of this site cannot confirm it.
     """
 
     sentence: str

@@ -25,7 +25,7 @@ class TriggeringCondition:
         triggering_condition: the level of a factor at which the function is worse.
         reference_condition: the level that it was compared with, everything else equal.
         functional_insufficiency: description of the weakness.
-        confirmed: whether places that had no part in the search confirm it; otherwise it is a candidate.
+        confirmed: True if places that had no part in the search confirm it; otherwise it is a candidate.
         effect: mean pACC under the condition minus that under the reference, −1…0.
         low, high: interval of the effect; None if there is none.
         places: number of places behind the effect.

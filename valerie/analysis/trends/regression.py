@@ -36,7 +36,7 @@ class Polynomial:
         coefficients: of Chebyshev polynomials on ``domain`` (as `numpy.polynomial.Chebyshev`).
         rmse: root mean square residual of the fit.
         x, y: the polynomial at `GRID` points. Not clipped to 0…1.
-        contradicted: whether a bin of the data contradicts it, so that it must not be drawn.
+        contradicted: True if a bin of the data contradicts it, so that it must not be drawn.
     """
 
     n: int

@@ -71,7 +71,7 @@ class GateResult:
         run_id: id of the run.
         verdicts: verdicts on its requirements.
         versions: its functions against the baseline; empty without one.
-        allow_undecided: whether undecided requirements and comparisons pass.
+        allow_undecided: True if undecided requirements and comparisons pass.
     """
 
     run_id: str

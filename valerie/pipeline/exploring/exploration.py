@@ -59,7 +59,7 @@ class ExploredColumn:
         unit: unit of displayed numbers, which are multiplied by ``scale``.
         digits: decimals of a displayed number; None: as many as it has.
         group: ``row``, ``person``, ``conditions``, ``score`` or ``varied``.
-        numeric: whether it contains numbers rather than names.
+        numeric: True if it contains numbers rather than names.
         low, high: range of its numbers; None without any.
         names: names that occur, sorted.
         undefined: number of rows without a value.

@@ -36,7 +36,7 @@ class CyclesSettings(EngineSettings):
     Attributes:
         quality: preset of samples and denoise: draft 16, standard 64, high 256 samples, denoised; paper 1024, not denoised.
         samples: light paths per pixel; overrides the preset.
-        denoise: whether Open Image Denoise removes the noise; overrides the preset.
+        denoise: True if Open Image Denoise removes the noise; overrides the preset.
         max_bounces: largest number of bounces of a light path after the first surface.
         light_tree: sample lamps by their importance, for less noise with many lamps.
         clamp_indirect: upper limit of light after a bounce, in the image's unit; 0 for none. Suppresses single bright pixels.

@@ -74,7 +74,7 @@ def render(
     Args:
         settings: `CyclesSettings.inputs`.
         border: the rectangle to render; None for the whole image.
-        movables: whether the image shows the movables.
+        movables: True if the image shows the movables.
     """
     arrays = _ask(blender, scene, view, settings, border=border, movables=movables)
     sky, part = sky_of(scene), border if border is not None else Rectangle(0, 0, view.width, view.height)
@@ -179,8 +179,8 @@ class _Sender:
 
     Args:
         lenses: names of materials that glow because a lamp is on. The lamp emits their light.
-        wet: whether water lies on surfaces that face up.
-        snowy: whether snow lies on static surfaces that face up.
+        wet: True if water lies on surfaces that face up.
+        snowy: True if snow lies on static surfaces that face up.
     """
 
     def __init__(

@@ -75,7 +75,7 @@ def differing_fields(here: RunSpec, there: RunSpec, *, same_asset: bool) -> list
 
     Args:
         here, there: the specs.
-        same_asset: whether the digests of their assets are equal, since an asset's files can change below its name.
+        same_asset: True if the digests of their assets are equal, since an asset's files can change below its name.
     """
     fields = {difference.place.partition(".")[0] for difference in differing(here, there)}
     return sorted(fields if same_asset else fields | {"asset"})

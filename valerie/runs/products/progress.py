@@ -150,7 +150,7 @@ class ProgressToday(Progress):
     """Progress of a run at the moment of reading.
 
     Attributes:
-        outlook: whether it will be done by its deadline at its present rate; None if it has none or has ended.
+        outlook: True if it will be done by its deadline at its present rate; None if it has none or has ended.
     """
 
     outlook: str | None

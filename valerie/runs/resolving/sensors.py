@@ -115,7 +115,7 @@ class SensorNeeds(NamedTuple):
 
     Attributes:
         focal_length, depth, velocity: the effect that needs this input, in words; None if no effect does.
-        scan: whether a rolling shutter reads the picture line by line.
+        scan: True if a rolling shutter reads the picture line by line.
         idle: one sentence for each setting that changes nothing.
     """
 

@@ -277,7 +277,7 @@ class Node:
         meshes: drawn with this node's world transform.
         label_id: Cityscapes label id, inherited from the object. A bag has the label of the person who carries it.
         instance_id: label id × 1000 + n, or 0 for classes without instances.
-        movable: whether it belongs to the movable layer instead of the background. The manifest declares it; it is inherited.
+        movable: True if it belongs to the movable layer instead of the background. The manifest declares it; it is inherited.
         visible: False if neither the node nor anything below it is drawn, as for an absent person.
         figure: the source of ``meshes`` if the node can take several stances.
         skeleton: the joints of a body with a fixed pose, such as a rider; None for a figure and for nodes without a body.

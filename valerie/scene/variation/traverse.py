@@ -27,7 +27,7 @@ class PathEntry:
         minimum, maximum: the declared range, else the widest sensible range; None if unbounded.
         choices: the known values of a CATEGORICAL path.
         value: current value, with every parameter at its default; degrees for angles.
-        declared: whether specs may vary it.
+        declared: True if specs may vary it.
         affects: the stage whose input it is.
     """
 
