@@ -251,8 +251,9 @@ def _process_renderer() -> tuple[Any, str]:
         raise MissingDependency(f"pyrender finds no EGL driver: {error}") from error
     from OpenGL import GL
 
-    # This sets a state of the renderer's context, which stays current.
+    # These set states of the renderer's context, which stays current. Rows of textures follow each other without padding.
     GL.glEnable(GL.GL_SAMPLE_ALPHA_TO_COVERAGE)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
     return renderer, numeric_class(_text(GL.glGetString(GL.GL_RENDERER)), _text(GL.glGetString(GL.GL_VERSION)))
 
 
