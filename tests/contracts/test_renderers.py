@@ -1,7 +1,6 @@
 """Both engines in one process: each makes its own context current and leaves the other's alone."""
 
 import gc
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -9,10 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.unit.rendering.one_mesh import SQUARE, one_mesh
 from valerie.rendering.base import LinearImage, Renderer, View
 from valerie.rendering.pyrender.renderer import PyrenderRenderer
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.scene.graph.model import Camera, Material, Mesh, Node, Scene, Sun, Texture
+from valerie.scene.graph.model import Camera, Material, Mesh
 from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
@@ -46,19 +46,9 @@ def test_columns_of_a_texture_of_any_width_are_upright(name: str, width: int, re
     engine: Renderer = request.getfixturevalue(name)
     image = np.zeros((64, width, 3), np.uint8)
     image[:, : width // 2] = 255
-    wall = Mesh(
-        positions=np.float32([[-1, 5, 0], [1, 5, 0], [1, 5, 2], [-1, 5, 2]]),
-        normals=np.float32([[0, -1, 0]] * 4),
-        uvs=np.float32([[0, 1], [1, 1], [1, 0], [0, 0]]),
-        faces=np.uint32([[0, 1, 2], [0, 2, 3]]),
-        material="wall",
-    )
-    node = Node("scene.wall-1", np.eye(4), (wall,), label_id=12)
     camera = Camera("scene.camera-1", camera_transform((0.0, 0.0, 1.0), 0.0, 0.0, 0.0), 60.0)
-    scene = Scene(
-        {node.path: node}, {"wall": Material("wall", base_color_texture="image", specular=0.0)},
-        {"image": Texture("image", image)}, {"camera-1": camera}, Sun(math.pi, 0.6),
-    )  # fmt: skip
+    own = replace(SQUARE)  # pyrender keeps meshes, with their textures, by identity
+    scene = one_mesh(own, Material("m", base_color_texture="image", specular=0.0), camera, image=image)
     light = engine.full(scene, View("camera-1", 64, 64)).pixels[..., 1].astype(np.float64)
     left, right = light[14:50, 20:30], light[14:50, 34:44]
     assert left.min() > 3.0 * right.max()

@@ -13,7 +13,7 @@ from urban_street.signs.faces import MIDDLE_M, face_materials, face_textures, fa
 from valerie.labels import label_of_node_class
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.assets.asset import SceneAsset, load_asset
+from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.variation.variant import apply
 
@@ -24,11 +24,6 @@ SHAPES = {
     "no-entry": np.pi / 4, "maximum-speed-limit-30-kmh": np.pi / 4, "parking": 1.0, "yield": 0.5, "children": 0.5,
     "stop": 2.0 * (np.sqrt(2.0) - 1.0), "priority-road": 0.5,
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def catalogue() -> SceneAsset:
-    return load_asset("urban-street")
 
 
 def test_there_are_a_hundred_and_they_differ() -> None:
@@ -70,16 +65,16 @@ def test_a_plate_shows_its_face_to_the_front_and_metal_behind(name: str) -> None
     assert face_materials()[f"sign-{name}"].textures == (f"sign-{name}",)
 
 
-def test_the_default_face_is_shown_and_others_can_be_chosen(catalogue: SceneAsset) -> None:
-    paths = [definition.path for definition in catalogue.manifest.parameters if definition.path.endswith(".face")]
+def test_the_default_face_is_shown_and_others_can_be_chosen(asset: SceneAsset) -> None:
+    paths = [definition.path for definition in asset.manifest.parameters if definition.path.endswith(".face")]
     assert len(paths) == 4
     for path in paths:
         node = path.removesuffix(".face")
-        definition = catalogue.manifest.definition(path)
+        definition = asset.manifest.definition(path)
         assert definition.choices == (*faces(), ABSENT)
 
         def shown(value: str | None, path: str = path, node: str = node) -> list[str]:
-            scene = apply({} if value is None else {path: value}, catalogue)
+            scene = apply({} if value is None else {path: value}, asset)
             return [
                 n.name for n in scene.nodes.values() if n.parent == node and n.visible and scene.nodes[node].visible
             ]
@@ -89,14 +84,14 @@ def test_the_default_face_is_shown_and_others_can_be_chosen(catalogue: SceneAsse
         assert shown(ABSENT) == []
 
 
-def test_a_chosen_face_is_labelled_traffic_sign(catalogue: SceneAsset, truth_pass: TruthPass) -> None:
+def test_a_chosen_face_is_labelled_traffic_sign(asset: SceneAsset, truth_pass: TruthPass) -> None:
     """A rectangle, a disc and a triangle in the truth: the pixels differ by shape and have the class of a sign."""
     path = "scene.traffic-sign-1.face"
     label = label_of_node_class("traffic-sign").id
     view = View("camera-1", 640, 360)
 
     def pixels(face: str) -> int:
-        return int(np.sum(truth_pass.truth(apply({path: face}, catalogue), view).class_map == label))
+        return int(np.sum(truth_pass.truth(apply({path: face}, asset), view).class_map == label))
 
     none = pixels(ABSENT)
     square, disc = pixels("parking") - none, pixels("no-entry") - none

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
-from urban_street.places.parts import WOODS, begin, kinds_from, plant
+from urban_street.places.parts import begin, kinds_from, of_woods, plant
 from urban_street.site import CameraPlace, Pack, PlaceSettings, Reach, Site, Sky, draw_season, numbered
 from urban_street.street.plan import Spot, rectangle
 from urban_street.street.planning import StreetPlan, seed_of
@@ -141,22 +141,13 @@ def _add_plants(plan: StreetPlan, rng: np.random.Generator) -> None:
             plan.add("terrain", "tufts", x, y, seed=seed_of(rng), size=(wide, 12.0, high, density))
     for k in range(46):
         y = -30.0 + 9.0 * k
-        plant(plan, rng, str(rng.choice(WOODS)), -37.0 + float(rng.uniform(-3.0, 3.0)), y, 1.2)
+        plant(plan, rng, of_woods(rng), -37.0 + float(rng.uniform(-3.0, 3.0)), y, 1.2)
         if y < 66.0 or y > 300.0:
-            plant(
-                plan,
-                rng,
-                str(rng.choice(WOODS)),
-                21.0 + float(rng.uniform(-2.5, 3.5)) + 0.4 * max(y - 300.0, 0.0),
-                y,
-                1.15,
-            )
+            plant(plan, rng, of_woods(rng), 21.0 + float(rng.uniform(-2.5, 3.5)) + 0.4 * max(y - 300.0, 0.0), y, 1.15)
     for k in range(34):
-        plant(
-            plan, rng, str(rng.choice(WOODS)), 20.0 + 3.4 * k, 290.0 + float(rng.uniform(-12.0, 12.0)) - 0.6 * k, 1.35
-        )
+        plant(plan, rng, of_woods(rng), 20.0 + 3.4 * k, 290.0 + float(rng.uniform(-12.0, 12.0)) - 0.6 * k, 1.35)
     for k in range(18):
-        plant(plan, rng, str(rng.choice(WOODS)), 8.5 + float(rng.uniform(0.0, 1.3)) + 0.2 * k, 110.0 + 7.0 * k, 0.8)
+        plant(plan, rng, of_woods(rng), 8.5 + float(rng.uniform(0.0, 1.3)) + 0.2 * k, 110.0 + 7.0 * k, 0.8)
 
 
 PACK: Final = Pack(2, Settings, site, draw_season)

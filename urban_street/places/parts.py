@@ -17,8 +17,7 @@ from urban_street.traffic_places import CAR_KINDS
 
 #: Width of narrow markings, metres.
 LINE = 0.12
-#: Trees of distant woods.
-WOODS = ("far-oak", "far-maple", "far-birch", "far-spruce", "far-pine")
+_WOODS = ("far-oak", "far-maple", "far-birch", "far-spruce", "far-pine")
 
 
 def begin(settings: PlaceSettings, floor: float = KERB_HEIGHT) -> tuple[StreetPlan, np.random.Generator]:
@@ -65,6 +64,11 @@ def plant(
     )  # fmt: skip
     footing = 0.9 if sunk else size * SPECIES[kind.removeprefix("far-")].footing
     plan.block(tree, disc(tree.x, tree.y, footing), 2.2 if sunk else None)
+
+
+def of_woods(rng: np.random.Generator) -> str:
+    """Return the kind of a tree in distant woods."""
+    return str(rng.choice(_WOODS))
 
 
 def avenue(

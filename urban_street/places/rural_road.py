@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from urban_street.pedestrians import PersonPlace
-from urban_street.places.parts import WOODS, around, begin, kinds_from, line, plant, sign
+from urban_street.places.parts import around, begin, kinds_from, line, of_woods, plant, sign
 from urban_street.site import CameraPlace, Pack, PlaceSettings, Reach, Site, Sky, draw_season, numbered
 from urban_street.street.plan import Spot, rectangle
 from urban_street.street.planning import StreetPlan, seed_of
@@ -159,10 +159,10 @@ def _add_plants(plan: StreetPlan, rng: np.random.Generator) -> None:
         x = -170.0 + 4.3 * k + float(rng.uniform(-1.5, 1.5))
         y = 250.0 - 0.25 * abs(x) + float(rng.uniform(-9.0, 9.0))
         if abs(x - _bend(y)) > 8.0:
-            plant(plan, rng, str(rng.choice(WOODS)), x, y, 1.35, 3.2 * (k % 2))
+            plant(plan, rng, of_woods(rng), x, y, 1.35, 3.2 * (k % 2))
     for k in range(16):
         x, y = 52.0 + float(rng.uniform(-4.0, 4.0)), 40.0 + 8.0 * k
-        plant(plan, rng, str(rng.choice(WOODS)), x, y, 1.1, 2.9 * (k % 2))
+        plant(plan, rng, of_woods(rng), x, y, 1.1, 2.9 * (k % 2))
 
 
 PACK: Final = Pack(2, Settings, site, draw_season)

@@ -88,7 +88,7 @@ def cards(
 
 
 def clad(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng: np.random.Generator) -> Bag:
-    """Build a box of clipped greenery : a dark core, and cards that stand out of all sides but the lower.
+    """Build a box of clipped greenery: a dark core, and cards that stand out of all sides but the lower.
 
     Cards show dozens of leaves each, so there are far fewer of them than ``per_square_metre``.
     """

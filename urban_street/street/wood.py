@@ -70,9 +70,6 @@ def build_wood(
         bark,
         tubes(trunk, flare[None], 10, tile=wood),
         tubes(limbs, thickness[None] * settings.trunk, 7, tile=wood),
-    )
-    bag.add(
-        bark,
         tubes(branches, np.linspace(0.24, 0.08, branches.shape[1])[None] * settings.trunk, 4, tile=wood),
         tubes(fine, np.linspace(0.075, 0.02, fine.shape[1])[None] * settings.trunk, 3, tile=wood),
     )

@@ -38,14 +38,14 @@ class Triangles:
 
     def first_hits(self, origins: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the index of the first triangle that each ray, (M, 3), meets where it is not cut out; −1 for none."""
-        hits = self.intersector.intersects_first(origins, rays)
-        origins, going = origins.copy(), np.flatnonzero(self.cuts[hits] >= 0)
-        while len(going := going[(hits[going] >= 0) & (self.cuts[hits[going]] >= 0)]):
+        hits, origins, going = np.full(len(rays), -1), origins.copy(), np.arange(len(rays))
+        while len(going):
+            hits[going] = self.intersector.intersects_first(origins[going], rays[going])
+            going = going[(hits[going] >= 0) & (self.cuts[hits[going]] >= 0)]
             along, seen = self._at(hits[going], origins[going], rays[going])
             going = going[~seen]
             # Behind the card by more than the rounding of a hit, in metres. At grazing angles, the hit may seem to lie behind.
             origins[going] += (np.maximum(along[~seen], 0.0) + 1e-4)[:, None] * rays[going]
-            hits[going] = self.intersector.intersects_first(origins[going], rays[going])
         return hits
 
     def _at(

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.sampling import enough_to_show
+from tests.unit.rendering.one_mesh import SQUARE, one_mesh
 from tests.unit.rendering.scene_rays import (
     blocked,
     dark_and_lit,
@@ -34,16 +35,6 @@ from valerie.testing.assets import box_mesh, simple_asset
 from valerie.testing.rendering import assert_same
 
 pytestmark = pytest.mark.gl
-
-
-def one_mesh(
-    mesh: Mesh, material: Material, camera: Camera, elevation: float = 89.0, image: np.ndarray | None = None
-) -> Scene:
-    node = Node("scene.wall-1", np.eye(4), (mesh,), label_id=12)
-    textures = {} if image is None else {"image": Texture("image", image)}
-    return Scene(
-        {node.path: node}, {material.name: material}, textures, {"camera-1": camera}, Sun(0.0, math.radians(elevation))
-    )
 
 
 @example(-3.4161, 28.4147, 345.26, "blue-coat", 11.1507, 255.38, 22.342, "camera-2")
@@ -496,15 +487,8 @@ def lit_by_a_disc(places: np.ndarray) -> np.ndarray:
 def test_the_first_row_of_a_texture_is_at_v_zero(raster: RasterRenderer) -> None:
     image = np.zeros((64, 64, 3), np.uint8)
     image[:32], image[32:] = (255, 0, 0), (0, 0, 255)
-    quad = Mesh(
-        positions=np.float32([[-1, 5, 0], [1, 5, 0], [1, 5, 2], [-1, 5, 2]]),
-        normals=np.float32([[0, -1, 0]] * 4),
-        uvs=np.float32([[0, 1], [1, 1], [1, 0], [0, 0]]),
-        faces=np.uint32([[0, 1, 2], [0, 2, 3]]),
-        material="m",
-    )
     camera = Camera("scene.camera-1", camera_transform((0, 0, 1), 0, 0, 0), focal_length_mm=50.0)
-    scene = one_mesh(quad, Material("m", (1, 1, 1), base_color_texture="image", specular=0.0), camera, image=image)
+    scene = one_mesh(SQUARE, Material("m", (1, 1, 1), base_color_texture="image", specular=0.0), camera, image=image)
     pixels = raster.full(scene, View("camera-1", 64, 64)).pixels
     top, bottom = pixels[20, 32], pixels[44, 32]
     # Red and blue reflect none of each other's light. The haze of 5.1 m of air, the way to these pixels, adds some to both.
@@ -560,15 +544,8 @@ def test_a_sheet_shows_the_stated_share_of_the_light_behind_it(
 def test_cut_out_texels_show_and_label_the_background(raster: RasterRenderer, truth_pass: TruthPass) -> None:
     image = np.full((64, 64, 4), 255, np.uint8)
     image[:, 32:, 3] = 0
-    quad = Mesh(
-        positions=np.float32([[-1, 5, 0], [1, 5, 0], [1, 5, 2], [-1, 5, 2]]),
-        normals=np.float32([[0, -1, 0]] * 4),
-        uvs=np.float32([[0, 1], [1, 1], [1, 0], [0, 0]]),
-        faces=np.uint32([[0, 1, 2], [0, 2, 3]]),
-        material="m",
-    )
     camera = Camera("scene.camera-1", camera_transform((0, 0, 1), 0, 0, 0), focal_length_mm=50.0)
-    scene = one_mesh(quad, Material("m", base_color_texture="image", alpha_cutoff=0.5), camera, image=image)
+    scene = one_mesh(SQUARE, Material("m", base_color_texture="image", alpha_cutoff=0.5), camera, image=image)
     view = View("camera-1", 64, 64)
     labels = truth_pass.truth(scene, view).class_map
     assert (labels[32, 22:31] == 12).all()
