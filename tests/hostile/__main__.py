@@ -26,8 +26,8 @@ EXAMPLES: Final = Path(__file__).parents[2] / "examples"
 PATIENCE_SECONDS: Final = 60
 #: CPU time of an answer: another process may hold up the clock on the wall.
 MOST_SECONDS: Final = 2.0
-#: CPU time beyond that per variant of a plan that examines all of them.
-SECONDS_PER_VARIANT: Final = 0.0005
+#: CPU time beyond that per moment of a variant where a plan examines all of them.
+SECONDS_PER_MOMENT: Final = 0.001
 MOST_MB: Final = 300.0
 
 
@@ -45,7 +45,8 @@ def forget_peak() -> None:
 def complaint(answer: httpx.Response, seconds: float) -> str:
     """Return what is wrong with an answer that took CPU seconds; empty if nothing is."""
     plan = answer.json() if answer.status_code == 200 else None
-    most = MOST_SECONDS + (SECONDS_PER_VARIANT * plan["variants"] if plan and not plan["estimated"] else 0.0)
+    examined = plan["variants"] * plan["moments"] if plan and not plan["estimated"] else 0
+    most = MOST_SECONDS + SECONDS_PER_MOMENT * examined
     if seconds > most:
         return f"{seconds:.1f} CPU-s; limit: {most:.1f}"
     if plan:
