@@ -235,7 +235,8 @@ def measure_others(
         ]
     if "overhead" in goals:
         runs += [
-            partial(guided_overhead.measure_overhead, goal, batch)
+            partial(guided_overhead.measure_overhead, goal, batch, car=car)
+            for car in (False, True)
             for goal in guided_overhead.GOALS
             for batch in guided_overhead.SIZES
         ]

@@ -31,6 +31,11 @@ BATCHES: Final = 6
 _OPTIONS: Final[dict[str, JsonObject]] = {"compare": {"within": 0.001}, "cascade": {"renderer": "cycles"}}
 _FUNCTIONS: Final = ("semantic-fpn-small", "deeplabv3plus-small")
 _EXAMPLE: Final = Path(__file__).parents[1] / "examples" / "guided.yaml"
+#: Parameters of a car that drives past the person.
+_CAR: Final[dict[str, JsonObject]] = {
+    "constants": {"car-101.kind": "sedan"},
+    "vary": {"car-101.pos.y": {"uniform": {"from": "0 m", "to": "60 m"}}},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +55,13 @@ class OverheadRow:
     products: float
 
 
-def measure_overhead(goal: str, batch: int) -> OverheadRow:
-    """Measure a goal's strategy on scores that fall with the distance; about a tenth of them fails."""
-    study = _study(goal, batch)
+def measure_overhead(goal: str, batch: int, *, car: bool = False) -> OverheadRow:
+    """Measure a goal's strategy on scores that fall with the distance; about a tenth of them fails.
+
+    Args:
+        car: if True, a car moves, too.
+    """
+    study = _study(goal, batch, car=car)
     _pursued(study, goal, batch)  # imports its libraries
     started = time.process_time()
     points = _pursued(study, goal, batch)
@@ -61,7 +70,8 @@ def measure_overhead(goal: str, batch: int) -> OverheadRow:
     rendering = sum(p.cpu_seconds for p in price.products if p.kind in (ProductKind.LAYER, ProductKind.TRUTH))
     of_batch = seconds * len(points) / batch
     products = price.cpu_seconds - price.start_cpu_seconds
-    return OverheadRow("overhead", goal, batch, seconds, of_batch / rendering, of_batch / products)
+    named = f"{goal}, car" if car else goal
+    return OverheadRow("overhead", named, batch, seconds, of_batch / rendering, of_batch / products)
 
 
 def _pursued(study: ResolvedStudy, goal: str, batch: int) -> UnitPoints:
@@ -78,9 +88,11 @@ def _pursued(study: ResolvedStudy, goal: str, batch: int) -> UnitPoints:
     return points
 
 
-def _study(goal: str, batch: int) -> ResolvedStudy:
+def _study(goal: str, batch: int, *, car: bool) -> ResolvedStudy:
     document = yaml.safe_load(_EXAMPLE.read_text()) | {"batch": batch, "budget": {"variants": 20 * batch}}
     document["goal"] = {"name": goal, **_OPTIONS.get(goal, {})}
+    if car:
+        document |= {name: document.get(name, {}) | added for name, added in _CAR.items()}
     document["functions"] = _FUNCTIONS[: 2 if goal == "compare" else 1]
     study = parse_study(document)
     return resolve_study(study, resolve_new(study.spec, Settings(), registered=_FUNCTIONS))

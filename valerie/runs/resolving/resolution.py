@@ -107,17 +107,17 @@ class ResolvedRun:
             assignment: assignment of the variant.
             moments: indexes of the moments of its sequence to look at; None: all.
         """
-        if self.times.motion is None:
-            return self.space.violated(assignment) or rejection_reason(assignment, self.manifest)
         if reason := self.space.violated(assignment):
             return reason
+        motion = self.times.motion
+        if motion is None:
+            return rejection_reason(assignment, self.manifest)
         moments = range(len(self.times.elapsed)) if moments is None else moments
-        if reason := self.times.motion.rejection(assignment, [self.times.elapsed[index] for index in moments]):
+        if reason := motion.rejection(assignment, [self.times.elapsed[index] for index in moments]):
             return reason
-        for index in moments:
-            if reason := rejection_reason(self.at(assignment, index), self.manifest):
-                return f"{reason} at {self.seconds(assignment, index):g} s"
-        return None
+        reasons = rejection_reasons([self.at(assignment, index) for index in moments], self.manifest)
+        found = ((index, reason) for index, reason in zip(moments, reasons, strict=True) if reason)
+        return next((f"{reason} at {self.seconds(assignment, index):g} s" for index, reason in found), None)
 
     def rejections(
         self, assignments: Sequence[Mapping[str, Value]], moments: Sequence[int] | None = None

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Final
+
+import numpy as np
 
 from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ROOT
-from valerie.scene.legality.movers import sort_obstacles
+from valerie.scene.legality.movers import Poses, sort_obstacles
 from valerie.scene.legality.obstacles import ObstacleMap
 
 #: Room that a camera needs around its centre, metres.
@@ -21,9 +23,6 @@ class CameraRules:
 
     Args:
         manifest: declares cameras and obstacles.
-
-    Attributes:
-        paths: paths of the cameras' coordinates.
     """
 
     def __init__(self, manifest: Manifest) -> None:
@@ -35,15 +34,27 @@ class CameraRules:
             for name, paths in places.items()
             if all(path in manifest.by_path for path in paths)
         )
-        self.paths = frozenset[str]().union(*(camera.paths for camera in self._cameras))
 
-    def reason(self, assignment: Mapping[str, Value], moved: Sequence[int]) -> str | None:
-        """Return the reason why a camera's place is illegal (``camera-1 is inside car-101``); None if all places are legal.
+    def reasons(
+        self, assignments: Sequence[Mapping[str, Value]], given: Set[str], poses: Mapping[int, Poses]
+    ) -> dict[int, str]:
+        """Return the reasons why a camera's place is illegal (``camera-1 is inside car-101``), by index of the variant.
 
         Args:
-            assignment: path to value.
-            moved: indices of the movers of whose pose it gives a part, in order.
+            assignments: path to value.
+            given: the paths that all of them give.
+            poses: the poses of those movers of whose pose they give a part, by index in order.
         """
+        near = np.zeros(len(assignments), np.bool_)
+        for camera in self._cameras:
+            x, y, _ = camera.place.values()
+            near |= not camera.paths.isdisjoint(given)
+            for number in poses.keys() - camera.within:
+                near |= poses[number].near(np.array([x, y]))
+        found = ((index, self._reason(assignments[index], poses.keys())) for index in np.flatnonzero(near).tolist())
+        return {index: reason for index, reason in found if reason}
+
+    def _reason(self, assignment: Mapping[str, Value], moved: Collection[int]) -> str | None:
         for camera in self._cameras:
             varied = not camera.paths.isdisjoint(assignment)
             if not (varied or moved):

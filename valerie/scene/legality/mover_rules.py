@@ -7,18 +7,17 @@ A mover that overlaps something at its default place, or does not stand level th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 
-from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Footprint, Manifest
 from valerie.scene.legality.ground import ground_height, level_ground
-from valerie.scene.legality.movers import Mover
-from valerie.scene.legality.obstacles import Outlines
-
-_Polygons = tuple[shapely.Polygon, ...]
+from valerie.scene.legality.movers import Mover, Poses
+from valerie.scene.legality.obstacles import Outlines, Polygons
 
 
 class MoverRules:
@@ -38,52 +37,55 @@ class MoverRules:
         own = [(number, polygon) for number, rule in enumerate(self._rules) for polygon in rule.own]
         self._owners = [number for number, _ in own]
         self._own = shapely.STRtree([polygon for _, polygon in own])
-        self._together = frozenset((number, other) for number, polygon in own for other in self._others(polygon))
+        alone, met = self._own.query(self._own.geometries.astype(np.object_), predicate="intersects").tolist()
+        self._together = {(self._owners[one], self._owners[other]) for one, other in zip(alone, met, strict=True)}
 
-    def reason(self, assignment: Mapping[str, Value], moved: Sequence[int]) -> str | None:
-        """Return the reason why a mover's place is illegal (``car-101 and bicycle-101 overlap``); None if all are legal.
+    def reasons(self, poses: Mapping[int, Poses]) -> dict[int, str]:
+        """Return the reasons why a mover's place is illegal (``car-101 and bicycle-101 overlap``), by index of the variant.
 
         Args:
-            assignment: path to value.
-            moved: indices of the movers of whose pose it gives a part, in order.
+            poses: the poses of those movers of whose pose the variants give a part, by index in order.
         """
-        polygons = {number: self._rules[number].mover.polygons(assignment) for number in moved}
         # The last mover, the first one (-1: alone) and the reason: the least is the one that judging in order meets first.
-        found: list[tuple[int, int, str]] = []
-        for number in moved:
+        found: dict[int, tuple[int, int, str]] = {}
+        for number, own in poses.items():
             rule = self._rules[number]
             if not rule.mover.has_place:
                 continue
-            if reason := self._alone(rule, polygons[number], assignment):
-                found.append((number, -1, reason))
-                break
-            still = {other for polygon in polygons[number] for other in self._others(polygon)} - polygons.keys()
-            moving = {other for other in moved if other != number and _overlap(polygons[number], polygons[other])}
-            for other in still | moving:
+            for index, reason in self._alone(rule, own).items():
+                found[index] = min(found.get(index, (number, -1, reason)), (number, -1, reason))
+            for index, other in (*self._still(own, poses.keys()), *_moving(number, poses)):
                 if (number, other) not in self._together:
                     first, last = sorted((number, other))
-                    names = (self._rules[index].mover.name for index in (first, last))
-                    found.append((last, first, " and ".join(names) + " overlap"))
-        return min(found)[2] if found else None
+                    names = (self._rules[one].mover.name for one in (first, last))
+                    overlap = (last, first, " and ".join(names) + " overlap")
+                    found[index] = min(found.get(index, overlap), overlap)
+        return {index: reason for index, (_, _, reason) in found.items()}
 
-    def _others(self, polygon: shapely.Polygon) -> list[int]:
-        """Return the indices of the movers whose default place a polygon overlaps."""
-        return [self._owners[index] for index in self._own.query(polygon, predicate="intersects").tolist()]
+    def _still(self, own: Poses, moved: Set[int]) -> Iterator[tuple[int, int]]:
+        """Yield the index of a variant and that of a mover at rest that a mover overlaps."""
+        for variants, polygons in own.polygons():
+            for met, other in zip(*self._own.query(polygons, predicate="intersects").tolist(), strict=True):
+                if self._owners[other] not in moved:
+                    yield int(variants[met]), self._owners[other]
 
-    def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
-        """Return the reason why a mover's place is illegal regardless of other movers; None if it is legal."""
-        name = rule.mover.name
-        if rule.keeps_within and not _within(polygons, self._extent):
-            return f"{name} is outside the asset"
-        if rule.grounds and not _stand_on(rule.mover.polygons(assignment, standing=True), rule.grounds):
-            return f"{name} leaves its level ground"
-        for polygon in polygons:
-            obstacle = self._resting.first(polygon, but=rule.among)
-            if obstacle is None and rule.ways is not None:
-                obstacle = self._ways.first(polygon, but=rule.ways)
-            if obstacle is not None:
-                return f"{name} stands {obstacle.text}"
-        return None
+    def _alone(self, rule: _Rule, poses: Poses) -> dict[int, str]:
+        """Return the reasons why a mover's place is illegal regardless of other movers, by index of the variant."""
+        name, reasons = rule.mover.name, dict[int, str]()
+        # Reasons that take precedence come later.
+        for variants, polygons in reversed(poses.polygons()):
+            ways = {} if rule.ways is None else self._ways.first(polygons, but=rule.ways)
+            for met, obstacle in (ways | self._resting.first(polygons, but=rule.among)).items():
+                reasons[int(variants[met])] = f"{name} stands {obstacle.text}"
+        if rule.grounds:
+            for variants, standing in poses.polygons(standing=True):
+                uneven = variants[~_stand_on(standing, rule.grounds)]
+                reasons |= dict.fromkeys(uneven.tolist(), f"{name} leaves its level ground")
+        if rule.keeps_within:
+            for variants, polygons in poses.polygons():
+                outside = variants[~_within(polygons, self._extent)]
+                reasons |= dict.fromkeys(outside.tolist(), f"{name} is outside the asset")
+        return reasons
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +102,7 @@ class _Rule:
     """
 
     mover: Mover
-    own: _Polygons
+    own: Polygons
     keeps_within: bool
     grounds: tuple[shapely.Geometry, ...]
     among: frozenset[int]
@@ -108,14 +110,16 @@ class _Rule:
 
 
 def _rule(manifest: Manifest, mover: Mover, resting: Outlines, ways: Outlines) -> _Rule:
-    own, grounds = mover.polygons({}), _grounds(manifest, mover)
+    at_rest, grounds = mover.poses(({},)), _grounds(manifest, mover)
+    own = np.concatenate([np.empty(0, np.object_), *(polygons for _, polygons in at_rest.polygons())])
+    level = all(_stand_on(polygons, grounds).all() for _, polygons in at_rest.polygons(standing=True))
     return _Rule(
         mover,
         own,
-        _within(own, manifest.extent),
-        grounds if _stand_on(mover.polygons({}, standing=True), grounds) else (),
-        frozenset(number for polygon in own for number in resting.below(polygon)),
-        frozenset(number for polygon in own for number in ways.below(polygon)) if mover.is_built else None,
+        bool(_within(own, manifest.extent).all()),
+        grounds if level else (),
+        resting.below(own),
+        ways.below(own) if mover.is_built else None,
     )
 
 
@@ -131,15 +135,27 @@ def _grounds(manifest: Manifest, mover: Mover) -> tuple[shapely.Geometry, ...]:
     return tuple(level_ground(manifest, height) for height in heights)
 
 
-def _within(polygons: _Polygons, extent: tuple[float, float, float, float]) -> bool:
+def _within(polygons: Polygons, extent: tuple[float, float, float, float]) -> NDArray[np.bool_]:
     x0, y0, x1, y1 = extent
-    middles = (polygon.centroid for polygon in polygons)
-    return all(x0 <= middle.x <= x1 and y0 <= middle.y <= y1 for middle in middles)
+    x, y = shapely.get_coordinates(shapely.centroid(polygons)).T
+    within: NDArray[np.bool_] = (x0 <= x) & (x <= x1) & (y0 <= y) & (y <= y1)
+    return within
 
 
-def _stand_on(standing: _Polygons, grounds: Sequence[shapely.Geometry]) -> bool:
-    return all(any(ground.covers(polygon) for ground in grounds) for polygon in standing)
+def _stand_on(standing: Polygons, grounds: Sequence[shapely.Geometry]) -> NDArray[np.bool_]:
+    on = [shapely.covers(ground, standing) for ground in grounds]
+    return np.logical_or.reduce(on) if on else np.zeros(len(standing), np.bool_)
 
 
-def _overlap(first: _Polygons, second: _Polygons) -> bool:
-    return any(polygon.intersects(other) for polygon in first for other in second)
+def _moving(number: int, poses: Mapping[int, Poses]) -> Iterator[tuple[int, int]]:
+    """Yield the index of a variant and that of another moved mover that a mover overlaps."""
+    own = poses[number]
+    for other, its in poses.items():
+        near = np.flatnonzero(np.hypot(*(own.place - its.place).T) <= own.reach + its.reach)
+        if other == number or not len(near):
+            continue
+        for variants, polygons in own.polygons(near):
+            for those, others in its.polygons(near):
+                both, first, second = np.intersect1d(variants, those, assume_unique=True, return_indices=True)
+                for index in both[shapely.intersects(polygons[first], others[second])].tolist():
+                    yield index, other

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -16,11 +16,15 @@ from valerie.scene.assets.attributes import ABSENT, FACING_CLASSES
 from valerie.scene.assets.manifest import Footprint, Manifest
 from valerie.scene.graph.naming import ROOT, parse_object_name
 from valerie.scene.graph.transforms import cos_sin
-from valerie.scene.legality.obstacles import widened
+from valerie.scene.legality.obstacles import Polygons, widened
+
+#: (K,) indices of variants.
+Indices = NDArray[np.int64]
 
 _PLACE: Final = ("pos.x", "pos.y")
 _TURNS: Final = ("heading", "rot.z")
-_POSE: Final = (*_PLACE, *_TURNS, "scale", "visible", "kind")
+_SHOWN: Final = ("visible", "kind")
+_POSE: Final = (*_PLACE, *_TURNS, *_SHOWN, "scale")
 #: Largest overlap of legal outlines, metres: outlines are rounded, and touching is legal.
 _TOUCHING_M: Final = 0.01
 #: Inner share of an outline, in length and width, that stands on the ground: wheels do, while bumpers and handlebars may
@@ -117,16 +121,24 @@ class Mover:
                 return outline.footprint
         return None
 
-    def polygons(self, assignment: Mapping[str, Value], *, standing: bool = False) -> tuple[shapely.Polygon, ...]:
-        """Return the outlines that count at their places in the world, metres; or only the parts that stand on the ground."""
-        outlines = self.shown(assignment)
-        if not outlines:
-            return ()
-        cos, sin = self._turn(assignment)
-        turn = self._size(assignment) * np.array([[cos, sin], [-sin, cos]])
-        place = np.array([float(self._value(name, assignment)) for name in _PLACE])
-        return tuple(
-            shapely.polygons((outline.standing if standing else outline.corners) @ turn + place) for outline in outlines
+    def poses(self, assignments: Sequence[Mapping[str, Value]]) -> Poses:
+        """Return its poses in variants that give the same paths."""
+        count, given = len(assignments), assignments[0].keys()
+
+        def each(names: Iterable[str], value: Callable[[Mapping[str, Value]], Any]) -> list[Any]:
+            # What no variant gives is the same in all of them.
+            alike = given.isdisjoint(self.keys[name] for name in names)
+            return [value(assignments[0])] * count if alike else [value(assignment) for assignment in assignments]
+
+        shown: dict[tuple[Value, ...], list[int]] = {}
+        for index, kind in enumerate(each(_SHOWN, lambda values: tuple(self._value(name, values) for name in _SHOWN))):
+            shown.setdefault(kind, []).append(index)
+        return Poses(
+            self,
+            tuple((self.shown(assignments[indices[0]]), np.array(indices)) for indices in shown.values()),
+            np.array(each(_PLACE, lambda values: [float(self._value(name, values)) for name in _PLACE])),
+            np.array(each(_TURNS, self._turn)),
+            np.array(each(("scale",), self._size)),
         )
 
     def _turn(self, assignment: Mapping[str, Value]) -> tuple[float, float]:
@@ -148,6 +160,58 @@ class Mover:
 
     def _place(self, name: str) -> float:
         return float(self.defaults.get(name, 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """The poses of a mover in N variants.
+
+    Attributes:
+        shown: outlines that count, and the indices of the variants in which they do.
+        place: (N, 2) metres, world.
+        turn: (N, 2) cosine and sine of the turn from the default heading.
+        size: (N,) relative to the default.
+    """
+
+    mover: Mover
+    shown: tuple[tuple[tuple[Outline, ...], Indices], ...]
+    place: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    size: NDArray[np.float64]
+
+    def polygons(self, of: Indices | None = None, *, standing: bool = False) -> list[tuple[Indices, Polygons]]:
+        """Return the outlines that count at their places in the world: (K,) indices of variants, and (K,) polygons, metres.
+
+        Args:
+            of: indices of the variants, in order; None: all.
+            standing: only the parts that stand on the ground.
+        """
+        placed = []
+        for outlines, shown in self.shown:
+            variants = shown if of is None else np.intersect1d(shown, of, assume_unique=True)
+            cos, sin = self.size[variants] * self.turn[variants].T
+            turns = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
+            for outline in outlines:
+                corners = (outline.standing if standing else outline.corners) @ turns + self.place[variants, None]
+                placed.append((variants, shapely.polygons(corners)))
+        return placed
+
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """Return (N,) metres: nothing farther from the mover's place is in its room."""
+        return self.size * self.mover.reach + self.mover.radius
+
+    def near(self, points: NDArray[np.float64], variants: Indices | None = None) -> NDArray[np.bool_]:
+        """Return (K,) True where a point may be in the mover's room.
+
+        Args:
+            points: (K, 2) or (2,) metres.
+            variants: (K,) index of the variant of each point; None: one point in each variant, or the same in all.
+        """
+        place, reach = (self.place, self.reach) if variants is None else (self.place[variants], self.reach[variants])
+        u, v = (points - place).T
+        near: NDArray[np.bool_] = u * u + v * v <= reach**2
+        return near
 
 
 def sort_obstacles(manifest: Manifest, radius: float) -> tuple[tuple[Footprint, ...], tuple[Mover, ...]]:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from valerie.scene.assets.manifest import Footprint
 
+#: (N,) polygons.
+Polygons = NDArray[np.object_]
+
 #: Edge of a grid cell, metres.
 _CELL_M: Final = 2.0
 
@@ -58,19 +61,22 @@ class Outlines:
         self._obstacles = tuple(obstacles)
         self._tree = shapely.STRtree([shapely.make_valid(shapely.Polygon(obstacle.polygon)) for obstacle in obstacles])
 
-    def first(self, polygon: shapely.Polygon, but: Set[int] = frozenset()) -> Footprint | None:
-        """Return the first obstacle, in the manifest's order, that a polygon overlaps.
+    def first(self, polygons: Polygons, but: Set[int]) -> dict[int, Footprint]:
+        """Return the first obstacle, in the manifest's order, below each of N polygons (metres, world), by index of the polygon.
 
         Args:
-            polygon: metres, world.
+            polygons: metres, world.
             but: indices of obstacles to ignore.
         """
-        numbers = self.below(polygon) - but
-        return self._obstacles[min(numbers)] if numbers else None
+        first: dict[int, int] = {}
+        for index, obstacle in zip(*self._tree.query(polygons, predicate="intersects").tolist(), strict=True):
+            if obstacle not in but:
+                first[index] = min(first.get(index, obstacle), obstacle)
+        return {index: self._obstacles[obstacle] for index, obstacle in first.items()}
 
-    def below(self, polygon: shapely.Polygon) -> frozenset[int]:
-        """Return the indices of all obstacles that a polygon (metres, world) overlaps."""
-        return frozenset(self._tree.query(polygon, predicate="intersects").tolist())
+    def below(self, polygons: Polygons) -> frozenset[int]:
+        """Return the indices of all obstacles that polygons (metres, world) overlap."""
+        return frozenset(self._tree.query(polygons, predicate="intersects")[1].tolist())
 
 
 def widened(obstacle: Footprint, radius: float) -> shapely.Polygon:

@@ -7,12 +7,14 @@ cameras by `valerie.scene.legality.camera_rules`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from valerie.parameters.definitions import Value
 from valerie.scene.assets.attributes import ABSENT
@@ -21,7 +23,7 @@ from valerie.scene.graph.naming import ROOT
 from valerie.scene.graph.transforms import cos_sin
 from valerie.scene.legality.camera_rules import CameraRules
 from valerie.scene.legality.mover_rules import MoverRules
-from valerie.scene.legality.movers import Mover, sort_obstacles
+from valerie.scene.legality.movers import Mover, Poses, sort_obstacles
 from valerie.scene.legality.obstacles import ObstacleMap
 from valerie.scene.legality.weather_rules import WEATHER_PATHS, weather_reason
 
@@ -41,38 +43,80 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
         assignment: path to value, valid for the manifest; missing values take their defaults.
         manifest: declares persons, obstacles and cameras.
     """
-    prepared = _prepare(manifest)
-    standing = prepared.standing(assignment)
-    return (
-        _obstructed(standing, assignment, prepared)
-        or _overlap(standing, 2.0 * manifest.person_radius_m)
-        or _reason_of_others(assignment, prepared)
-    )
+    return rejection_reasons((assignment,), manifest)[0]
 
 
 def rejection_reasons(assignments: Sequence[Mapping[str, Value]], manifest: Manifest) -> list[str | None]:
-    """Return the `rejection_reason` of each variant, in a fraction of the time: most stand far from any obstacle."""
-    prepared, distance = _prepare(manifest), 2.0 * manifest.person_radius_m
-    standing = [prepared.standing(assignment) for assignment in assignments]
-    given = frozenset[str]().union(*assignments)
-    one_by_one = len(assignments) <= _FEW or prepared.moved(given)
-    near = [True] * len(assignments) if one_by_one else _near(standing, prepared)
-    # What no variant gives is the same in all of them.
-    fixed = prepared.others.isdisjoint(given)
-    of_others = _reason_of_others({}, prepared) if fixed else None
-    return [
-        (is_near and _obstructed(circles, assignment, prepared))
-        or _overlap(circles, distance)
-        or (of_others if fixed else _reason_of_others(assignment, prepared))
-        for circles, assignment, is_near in zip(standing, assignments, near, strict=True)
-    ]
+    """Return the `rejection_reason` of each variant, in a fraction of the time."""
+    alike: dict[frozenset[str], list[int]] = {}
+    for index, assignment in enumerate(assignments):
+        alike.setdefault(frozenset(assignment), []).append(index)
+    reasons: list[str | None] = [None] * len(assignments)
+    for given, indices in alike.items():
+        for index, reason in _reasons([assignments[i] for i in indices], given, _prepare(manifest)).items():
+            reasons[indices[index]] = reason
+    return reasons
 
 
-def _obstructed(standing: Sequence[_Circle], assignment: Mapping[str, Value], prepared: _Prepared) -> str | None:
+def _reasons(assignments: Sequence[Mapping[str, Value]], given: Set[str], prepared: _Prepared) -> dict[int, str]:
+    """Return the reasons of variants that give the same paths, by index."""
+    manifest = prepared.manifest
+    poses = {number: prepared.movers[number].poses(assignments) for number in prepared.moved(given)}
+    if WEATHER_PATHS.isdisjoint(given) and weather_reason({}, manifest) is None:
+        reasons = {}
+    else:
+        reasons = {i: reason for i, values in enumerate(assignments) if (reason := weather_reason(values, manifest))}
+    # What is found last takes precedence.
+    reasons |= prepared.cameras.reasons(assignments, given, poses)
+    reasons |= prepared.mover_rules.reasons(poses)
+    count = len(assignments)
+    crowded = np.ones(count, np.bool_) if count <= _FEW else _crowded(assignments, given, poses, prepared)
+    for index in np.flatnonzero(crowded).tolist():
+        standing = prepared.standing(assignments[index])
+        if reason := _obstructed(standing, poses.keys(), assignments[index], prepared) or _overlap(standing, prepared):
+            reasons[index] = reason
+    return reasons
+
+
+def _crowded(
+    assignments: Sequence[Mapping[str, Value]], given: Set[str], poses: Mapping[int, Poses], prepared: _Prepared
+) -> NDArray[np.bool_]:
+    """Return (N,) False for those of N variants in which all persons surely have their room."""
+    manifest, count = prepared.manifest, len(assignments)
+    crowded, settled, (x0, y0, x1, y1) = np.zeros(count, np.bool_), _settled(manifest, tuple(poses)), manifest.extent
+    distance = 2.0 * manifest.person_radius_m + 1e-9
+    places: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+    for person in prepared.persons:
+        # A person of which the variants give nothing stands at the same place in all of them.
+        varied = not person.paths.isdisjoint(given)
+        standing = [list(person.circles(values, manifest.reaches)) for values in (assignments if varied else ({},))]
+        indices = np.repeat(np.arange(len(standing)), [len(circles) for circles in standing])
+        points = np.array([circle[2:] for circles in standing for circle in circles]).reshape(-1, 2)
+        x, y = points.T
+        touched = (x < x0) | (x > x1) | (y < y0) | (y > y1) | settled.near(x, y)
+        for those in poses.values():
+            if varied:
+                touched |= those.near(points, indices)
+            else:
+                for point in points:
+                    crowded |= those.near(point)
+        crowded |= np.bincount(indices[touched], minlength=len(standing)) > 0
+        own = np.array([circles[0][2:] if circles else (np.nan, np.nan) for circles in standing])
+        reach = np.array(
+            [max((math.dist(circles[0][2:], c[2:]) for c in circles), default=0.0) for circles in standing]
+        )
+        for other, its_reach in places:
+            crowded |= np.hypot(*(own - other).T) < distance + reach + its_reach
+        places.append((own, reach))
+    return crowded
+
+
+def _obstructed(
+    standing: Sequence[_Circle], moved: Iterable[int], assignment: Mapping[str, Value], prepared: _Prepared
+) -> str | None:
     """Return the reason why persons cannot stand where they do, regardless of each other."""
     x0, y0, x1, y1 = prepared.manifest.extent
-    moved = prepared.moved(assignment.keys())
-    settled, movers = _settled(prepared.manifest, moved), [prepared.movers[index] for index in moved]
+    settled, movers = _settled(prepared.manifest, tuple(moved)), [prepared.movers[index] for index in moved]
     for name, pose, x, y in standing:
         if not (x0 <= x <= x1 and y0 <= y <= y1):
             return f"{name} in the pose {pose} reaches out of the asset" if pose else f"{name} is outside the asset"
@@ -82,26 +126,8 @@ def _obstructed(standing: Sequence[_Circle], assignment: Mapping[str, Value], pr
     return None
 
 
-def _near(standing: Sequence[Sequence[_Circle]], prepared: _Prepared) -> list[bool]:
-    """Return False for variants in which `_obstructed` finds nothing, if no mover is moved."""
-    x0, y0, x1, y1 = prepared.manifest.extent
-    rows = np.repeat(np.arange(len(standing)), [len(circles) for circles in standing])
-    x, y = np.array([circle[2:] for circles in standing for circle in circles]).reshape(-1, 2).T
-    free = (x0 <= x) & (x <= x1) & (y0 <= y) & (y <= y1) & ~_settled(prepared.manifest, ()).near(x, y)
-    return [bool(count) for count in np.bincount(rows[~free], minlength=len(standing))]
-
-
-def _reason_of_others(assignment: Mapping[str, Value], prepared: _Prepared) -> str | None:
-    """Return the reason why movers, cameras or weather are impossible."""
-    moved = prepared.moved(assignment.keys())
-    return (
-        prepared.mover_rules.reason(assignment, moved)
-        or prepared.cameras.reason(assignment, moved)
-        or weather_reason(assignment, prepared.manifest)
-    )
-
-
-def _overlap(standing: Sequence[_Circle], distance: float) -> str | None:
+def _overlap(standing: Sequence[_Circle], prepared: _Prepared) -> str | None:
+    distance = 2.0 * prepared.manifest.person_radius_m
     for index, (name, _, x, y) in enumerate(standing):
         for other, _, other_x, other_y in standing[:index]:
             if name != other and (x - other_x) ** 2 + (y - other_y) ** 2 < distance * distance:
@@ -131,6 +157,11 @@ class _Person:
     default_pose: Value
     default_heading: float
 
+    @property
+    def paths(self) -> frozenset[str]:
+        """Return the paths that decide where it stands."""
+        return frozenset((self.x, self.y, self.character, self.visible, self.pose, self.heading))
+
     def circles(self, assignment: Mapping[str, Value], reaches: Mapping[str, Sequence[Point]]) -> Iterator[_Circle]:
         """Yield the circles of the ground that it needs, its own first; none if it is absent or hidden."""
         get = assignment.get
@@ -153,7 +184,6 @@ class _Prepared:
         resting: the obstacles at rest.
         movers: all others.
         owners: path of each pose parameter of a mover to the index of the mover.
-        others: paths of all parameters that `_reason_of_others` reads.
     """
 
     manifest: Manifest
@@ -163,7 +193,6 @@ class _Prepared:
     owners: Mapping[str, int]
     mover_rules: MoverRules
     cameras: CameraRules
-    others: frozenset[str]
 
     def moved(self, given: Set[str]) -> tuple[int, ...]:
         """Return the indices of the movers of whose pose a variant gives a part, one of these paths, in order."""
@@ -180,7 +209,6 @@ def _prepare(manifest: Manifest) -> _Prepared:
     radius = manifest.person_radius_m
     resting, movers = sort_obstacles(manifest, radius)
     owners = {path: index for index, mover in enumerate(movers) for path in mover.paths}
-    cameras = CameraRules(manifest)
     return _Prepared(
         manifest=manifest,
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
@@ -188,8 +216,7 @@ def _prepare(manifest: Manifest) -> _Prepared:
         movers=movers,
         owners=owners,
         mover_rules=MoverRules(manifest, resting, movers),
-        cameras=cameras,
-        others=cameras.paths | owners.keys() | WEATHER_PATHS,
+        cameras=CameraRules(manifest),
     )
 
 
