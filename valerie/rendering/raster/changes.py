@@ -10,7 +10,7 @@ import numpy as np
 from valerie.rendering.base import View
 from valerie.rendering.projection import Points, view_from_world
 from valerie.rendering.raster.canvas import StaticSurfaces
-from valerie.rendering.raster.gl.bounds import Reach, contact_hulls, covered_rectangle
+from valerie.rendering.raster.gl.bounds import Reach, contact_hulls, covered_rectangle, mirror_hulls
 from valerie.rendering.raster.gl.targets import area_of
 from valerie.rendering.raster.gl.tiles import TILE, Mask, widened
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, ShadowMap
@@ -67,6 +67,24 @@ def touched_tiles(bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Ca
         depths = _depths(hull, camera)
         touched |= tiles & (surfaces.nearest < depths.max() + 0.05) & (surfaces.farthest > depths.min() - 0.05)
     return touched
+
+
+def mirroring_tiles(
+    bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, lowest: float, reach: Reach
+) -> Mask:
+    """Return the tiles in which wet level ground may mirror movables.
+
+    Args:
+        bodies: (8, 3) world corners of the movables' boxes.
+        surfaces: the statics seen by the camera.
+        camera, view: the camera and the size of its image.
+        lowest: height of the lowest ground, metres.
+        reach: reach of the engine's filters.
+    """
+    mirroring = surfaces.grid.none()
+    for hull in mirror_hulls(bodies, lowest, reach):
+        mirroring |= surfaces.grid.touching(area_of(covered_rectangle([hull], camera, view), view))
+    return mirroring
 
 
 def shadowed_tiles(

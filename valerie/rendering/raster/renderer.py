@@ -16,7 +16,7 @@ from valerie.rendering.lamps import glowing, keeping_hue, lit_lamps, with_lit_ro
 from valerie.rendering.person_light import Received
 from valerie.rendering.projection import LightView, drawing_matrices
 from valerie.rendering.raster.canvas import Canvas, StaticImage, StaticSurfaces
-from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles, touched_tiles
+from valerie.rendering.raster.changes import mirroring_tiles, occluded_tiles, shadowed_tiles, touched_tiles
 from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
 from valerie.rendering.raster.gl.targets import SAMPLES, ScreenPass, area_of, surface_target
@@ -44,6 +44,7 @@ REACH: Final = Reach(
     filters=7,
     contact_radius=1.25,
     contact_rise=1.5,
+    mirrored=1.2,
 )
 #: Reach of a changed sample of the G-buffer, and of a changed value of ambient occlusion, pixels (see above).
 _SURFACE_REACH: Final = 6
@@ -64,7 +65,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 20
+    revision: ClassVar[int] = 21
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -115,7 +116,9 @@ class RasterRenderer:
         with self._frame(scene, view) as frame:
             lowest = self._lowest(frame)
             boxes = [mesh.corners for mesh in frame.prepared.placed]
-            rectangle = changed_rectangle(boxes, frame.camera, view, scene.sun_direction(), lowest, REACH)
+            rectangle = changed_rectangle(
+                boxes, frame.camera, view, scene.sun_direction(), lowest, REACH, wet=frame.day.sky.wetness > 0
+            )
             rectangle = with_lamps(rectangle, boxes, frame.camera, view, lowest, frame.lamps)
             if rectangle.empty:
                 return nothing
@@ -330,6 +333,8 @@ class RasterRenderer:
             dirty: Mask = self._reached(canvas, surface, body, smoothed, surfaces)
             if lit.movable_shadow is not None and float(frame.day.sky.sun_direction[2]) > 0:
                 dirty |= shadowed_tiles(region & ~dirty, bodies, surfaces, camera, view, lit.movable_shadow)
+            if frame.day.sky.wetness > 0:
+                dirty |= widened(mirroring_tiles(bodies, surfaces, camera, view, self._lowest(frame), REACH))
             dirty |= lamp_shadowed_tiles(grid, bodies, camera, view, self._lowest(frame), frame.lamps)
             dirty &= region
             canvas.cover(body)
@@ -349,7 +354,7 @@ class RasterRenderer:
 
     @staticmethod
     def _lowest(frame: _Frame) -> float:
-        """Return the height, metres, below which no surface receives a shadow."""
+        """Return the height, metres, below which no surface receives a shadow or mirrors."""
         return float(frame.prepared.statics.geometry.low[2])
 
     def _reached(self, canvas: Canvas, surface: Mask, body: Mask, smoothed: Mask, surfaces: StaticSurfaces) -> Mask:

@@ -1,9 +1,9 @@
 """The rectangle of an image that movables can change: a bound that is never too small, by construction.
 
-A movable changes pixels in five ways: by its own pixels, by its shadow (a prism from its box away from the sun down to the lowest
-ground), by ambient occlusion (within a screen radius that shrinks with depth), by contact shadows (in a box around its own), and
-through filters of a few pixels. There is no other way: the raster engine mirrors only statics, and movables reflect no light onto
-other surfaces.
+A movable changes pixels in six ways: by its own pixels, by its shadow (a prism from its box away from the sun down to the lowest
+ground), by ambient occlusion (within a screen radius that shrinks with depth), by contact shadows (in a box around its own), by
+its reflection in wet level ground (its box, upside down below the ground), and through filters of a few pixels. There is no other
+way: paint and glass mirror only statics, and movables reflect no light onto other surfaces.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ class Reach:
         filters: sum of the radii of blurs, antialiasing and neighbour selection, pixels.
         contact_radius: distance across, beyond which contact shadows are exactly zero, metres.
         contact_rise: the same up and down.
+        mirrored: distance from a movable of the places whose reflection may show it, metres.
     """
 
     occlusion_radius: float
@@ -38,6 +39,7 @@ class Reach:
     filters: int
     contact_radius: float = 0.0
     contact_rise: float = 0.0
+    mirrored: float = 0.0
 
     def occlusion_pixels(self, nearest: float, focal: float) -> int:
         """Return the width, in pixels, of the margin that a movable with its nearest point at depth ``nearest`` may occlude.
@@ -52,7 +54,14 @@ class Reach:
 
 
 def changed_rectangle(
-    boxes: Iterable[Points], camera: Camera, view: View, toward_sun: Points, lowest: float, reach: Reach
+    boxes: Iterable[Points],
+    camera: Camera,
+    view: View,
+    toward_sun: Points,
+    lowest: float,
+    reach: Reach,
+    *,
+    wet: bool = False,
 ) -> Rectangle:
     """Return a bound of all pixels that movables change.
 
@@ -60,8 +69,9 @@ def changed_rectangle(
         boxes: (8, 3) world corners of each movable mesh's bounding box, metres.
         camera, view: the camera and the size of its image.
         toward_sun: (3,) unit vector; a sun at or below the horizon casts no shadows.
-        lowest: height of the lowest surface that can receive a shadow, metres.
+        lowest: height of the lowest surface that can receive a shadow or mirror, metres.
         reach: reach of the engine's filters.
+        wet: True if level ground mirrors movables.
 
     Returns:
         A rectangle inside the image; empty if nothing can change.
@@ -74,6 +84,8 @@ def changed_rectangle(
             low = np.minimum(low, body[:, :2].min(axis=0) - around)
             high = np.maximum(high, body[:, :2].max(axis=0) + around)
     shadows = contact_hulls(hulls, reach)
+    if wet:
+        shadows += mirror_hulls(hulls, lowest, reach)
     if toward_sun[2] > 0:
         shadows += [_shadow_prism(corners, toward_sun, lowest, reach.penumbra) for corners in hulls]
     for shadow in _seen(shadows, camera, view):
@@ -95,6 +107,17 @@ def contact_hulls(boxes: Iterable[Points], reach: Reach) -> list[Points]:
     """Return (64, 3) world points that span the places with contact shadows of each box, (8, 3) world corners."""
     around = np.array([reach.contact_radius, reach.contact_radius, reach.contact_rise])
     return [_widened(corners, around) for corners in boxes]
+
+
+def mirror_hulls(boxes: Iterable[Points], lowest: float, reach: Reach) -> list[Points]:
+    """Return (128, 3) world points that span each box, (8, 3) world corners, and its reflections in level ground.
+
+    Args:
+        lowest: height of the lowest ground, metres. Ground above a box does not mirror it.
+        reach: see `Reach.mirrored`.
+    """
+    around = [_widened(corners, np.full(3, reach.mirrored)) for corners in boxes]
+    return [np.concatenate([box, box * (1, 1, -1) + (0, 0, 2 * lowest)]) for box in around]
 
 
 def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x: int = 0, pad_y: int = 0) -> Rectangle:

@@ -423,6 +423,8 @@ def _shading_textures(
         "static_shadow": day.shadow.texture,
         "static_casters": day.shadow.casters,
         "movable_shadow": (movable_shadow or day.shadow).texture,
+        "moving_albedo": targets.surfaces.colors[0],
+        "moving_material": targets.surfaces.colors[2],
         "mirror_albedo": statics.colors[0],
         "mirror_material": statics.colors[2],
         "mirror_depth": statics.depth,

@@ -398,8 +398,17 @@ void main() {
 #ifdef RAIN
     // At grazing angles the lobe of a film is elongated, so it covers more of the sky at a lower roughness than above.
     vec3 wide = mix(above, blurred, smoothstep(0.06, 0.45, roughness));
-    vec4 image = mirrored(p, normalize(vec3(r.xy, max(abs(r.z), 0.01))), 1.5 * alpha, wide, film > 0.0);
-    environment = mix(environment, mix(around, image.rgb, image.a), film);
+    // A microfacet turns the ray by twice its own angle.
+    float still = pool / max(film, 1e-3);
+    float spread = 3.5 * mix(length(vec2(alpha, FILM_SLOPES)), alpha, still);
+    vec4 image = mirrored(p, normalize(vec3(r.xy, max(abs(r.z), 0.01))), spread, wide, film > 0.0);
+    image.rgb = mix(around, image.rgb, image.a);
+#ifdef MOVABLES
+    float level = smoothstep(WATER_STANDS.x, WATER_STANDS.y, face.z);
+    vec4 figure = mirrored_movables(p, d, spread, film * level > 0.0 && d.z < 0.0);
+    image.rgb = mix(image.rgb, figure.rgb, figure.a * level);
+#endif
+    environment = mix(environment, mix(image.rgb, blurred, FILM_SCATTERS * (1.0 - still)), film);
 #endif
     color += environment * mirrored_share * mix(1.0, ambient_open, 0.8);
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from valerie.rendering.base import View
-from valerie.rendering.projection import box_corners
+from valerie.rendering.projection import box_corners, project
 from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle, grown
 from valerie.scene.graph.model import Camera
 from valerie.scene.graph.transforms import camera_transform
@@ -61,6 +61,19 @@ def test_a_body_out_of_view_still_has_its_shadow_in_view() -> None:
     rectangle = changed_rectangle([box((6, 10, 0), (6.5, 10.5, 1.8))], CAMERA, VIEW, toward_sun, 0.0, SHARP)
     assert not rectangle.empty
     assert rectangle.x + rectangle.width == 200
+
+
+def test_the_rectangle_holds_the_mirror_images_in_wet_ground_of_any_height() -> None:
+    low, high, rng = np.array([1.0, 10.0, 0.2]), np.array([1.5, 10.5, 1.9]), np.random.default_rng(2)
+    rectangle = changed_rectangle([box_corners(low, high)], CAMERA, VIEW, NO_SUN, -0.1, SHARP, wet=True)
+    points = rng.uniform(low, high, (500, 3))
+    mirrors = rng.uniform(-0.1, points[:, 2])
+    images = points * (1, 1, -1) + np.outer(2 * mirrors, (0, 0, 1))
+    x, y, _ = project(images, CAMERA, VIEW.width, VIEW.height).T
+    assert ((rectangle.x <= x) & (x <= rectangle.x + rectangle.width)).all()
+    assert ((rectangle.y <= y) & (np.minimum(y, VIEW.height) <= rectangle.y + rectangle.height)).all()
+    dry = changed_rectangle([box_corners(low, high)], CAMERA, VIEW, NO_SUN, -0.1, SHARP)
+    assert dry.height < rectangle.height
 
 
 @pytest.mark.parametrize("depth", [0.2, 0.9, 5.0])
