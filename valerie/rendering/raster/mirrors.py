@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Hashable
+from dataclasses import replace
 from typing import Final
 
 import moderngl
@@ -69,6 +70,8 @@ class Mirrors:
             light_key: key of the light on the statics.
         """
         gl, place = self._gl, spot_of(viewpoint.camera.position)
+        # Drops and flakes belong to the camera's own air: in the coarse pictures they would be a veil.
+        day = replace(day, sky=replace(day.sky, drops=0.0, flakes=0.0))
         spot_key = (statics.key, place.tobytes())
         view_key = (statics.key, camera_key(viewpoint.camera, viewpoint.view))
         lamps = functools.cache(lamps)  # the panorama and the panes share it
