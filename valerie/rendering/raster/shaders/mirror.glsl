@@ -127,6 +127,12 @@ const float MOVABLE_THICKNESS = 0.5;
 const int MOVABLE_HALVINGS = 7;
 const float NO_MOVABLE = 1e9;
 
+// The sample of a pixel that every pane covers, see ``see_through`` in surface.glsl.
+ivec2 movable_sample(vec2 screen) {
+    ivec2 place = mirror_sample(screen) & ~1;
+    return place + ivec2(1 ^ (place.x / 4 & 1), 0);
+}
+
 // Depth of the movable at a place of the image.
 float movable_depth(ivec2 place) {
     float window = texelFetch(depth_map, place, 0).r;
@@ -141,7 +147,7 @@ vec4 mirrored_movables(vec3 p, vec3 d, float spread, bool wanted) {
     float before = 0.0, behind = path.part, passed = 0.0;
     int i = 1, steps = wanted ? MIRROR_STEPS : 1;
     do {
-        float at = place_of(path, i), seen = movable_depth(mirror_sample(path.from + path.way * at));
+        float at = place_of(path, i), seen = movable_depth(movable_sample(path.from + path.way * at));
         bool met = seen < depth_on(path, at) && seen > depth_on(path, passed) - MOVABLE_THICKNESS && !hit && wanted;
         before = met ? passed : before;
         behind = met ? at : behind;
@@ -152,17 +158,17 @@ vec4 mirrored_movables(vec3 p, vec3 d, float spread, bool wanted) {
     int halvings = hit ? MOVABLE_HALVINGS : 1;
     do {
         float at = 0.5 * (before + behind);
-        bool met = movable_depth(mirror_sample(path.from + path.way * at)) < depth_on(path, at);
+        bool met = movable_depth(movable_sample(path.from + path.way * at)) < depth_on(path, at);
         behind = met ? at : behind;
         before = met ? before : at;
     } while (++i < halvings);
     vec2 middle = path.from + path.way * behind, tap = blur_step(path, behind, spread);
-    hit = hit && depth_on(path, behind) - movable_depth(mirror_sample(middle)) < MOVABLE_THICKNESS;
+    hit = hit && depth_on(path, behind) - movable_depth(movable_sample(middle)) < MOVABLE_THICKNESS;
     vec4 sum = vec4(0.0);
     i = -MIRROR_TAPS;
     int taps = hit ? MIRROR_TAPS : -MIRROR_TAPS;
     do {
-        ivec2 place = mirror_sample(middle + float(i) * tap);
+        ivec2 place = movable_sample(middle + float(i) * tap);
         vec3 root = texelFetch(moving_albedo, place, 0).rgb;
         vec3 color = shown(root, texelFetch(moving_material, place, 0).rg, along(path, behind), spread);
         sum += vec4(color, 1.0) * (hit && movable_depth(place) < NO_MOVABLE ? blur_share(i) : 0.0);
