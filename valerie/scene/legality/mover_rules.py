@@ -53,7 +53,8 @@ class MoverRules:
             if not rule.mover.has_place:
                 continue
             for index, reason in self._alone(rule, own).items():
-                found[index] = min(found.get(index, (number, -1, reason)), (number, -1, reason))
+                alone = (number, -1, reason)
+                found[index] = min(found.get(index, alone), alone)
             for index, other in (*self._still(own, poses.keys()), *_moving(number, poses)):
                 if (number, other) not in self._together:
                     first, last = sorted((number, other))

@@ -62,7 +62,7 @@ class Outlines:
         self._tree = shapely.STRtree([shapely.make_valid(shapely.Polygon(obstacle.polygon)) for obstacle in obstacles])
 
     def first(self, polygons: Polygons, but: Set[int]) -> dict[int, Footprint]:
-        """Return the first obstacle, in the manifest's order, below each of N polygons (metres, world), by index of the polygon.
+        """Return the first obstacle, in the manifest's order, below each of N polygons, by index of the polygon.
 
         Args:
             polygons: metres, world.

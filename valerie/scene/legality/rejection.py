@@ -48,12 +48,12 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
 
 def rejection_reasons(assignments: Sequence[Mapping[str, Value]], manifest: Manifest) -> list[str | None]:
     """Return the `rejection_reason` of each variant, in a fraction of the time."""
-    alike: dict[frozenset[str], list[int]] = {}
+    prepared, alike = _prepare(manifest), dict[frozenset[str], list[int]]()
     for index, assignment in enumerate(assignments):
         alike.setdefault(frozenset(assignment), []).append(index)
     reasons: list[str | None] = [None] * len(assignments)
     for given, indices in alike.items():
-        for index, reason in _reasons([assignments[i] for i in indices], given, _prepare(manifest)).items():
+        for index, reason in _reasons([assignments[i] for i in indices], given, prepared).items():
             reasons[indices[index]] = reason
     return reasons
 

@@ -1,8 +1,10 @@
 // Rain water on surfaces that face up, with the constants of surface_constants.py. It has no thickness: depth and labels stay those of the surface.
+
 // Relief below a film that is finer than the image: its slopes, and the share of light that it scatters to all sides. A path
 // tracer shows both without these numbers, which were chosen beside it.
 const float FILM_SLOPES = 0.1;
 const float FILM_SCATTERS = 0.35;
+
 uniform float wetness;              // of surfaces that face up, 0 dry … 1 wet
 
 struct Water {
