@@ -238,7 +238,7 @@ def measure_others(
             partial(guided_overhead.measure_overhead, goal, batch, car=car)
             for car in (False, True)
             for goal in guided_overhead.GOALS
-            for batch in guided_overhead.SIZES
+            for batch in guided_overhead.BATCHES
         ]
     rows: list[dict[str, Any]] = []
     for run in runs:

@@ -1,11 +1,12 @@
 """Measure what strategies cost on a real domain: that of ``examples/guided.yaml``, with the legality of its variants.
 
-A batch costs its proposal, its scores and the result so far, as a study computes them. The shares are of what ``valerie plan``
-expects for the batch from the shipped table: of its layers and truths by ``raster``, and of all its products.
+A batch costs its proposal, its scores and the result so far, as a study computes them. The share is of its layers and truths by
+`raster`, measured beside it: variants of the same domain, with warm caches, encoded.
 """
 
 from __future__ import annotations
 
+import functools
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,20 +15,26 @@ from typing import Final
 import numpy as np
 import yaml
 
+from valerie import plugins
 from valerie.guided.strategy import Scores
 from valerie.parameters.samplers import UnitPoints
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.plain import JsonObject
-from valerie.runs.forecasting.forecast import plan
-from valerie.runs.products.states import ProductKind
+from valerie.rendering.base import View
 from valerie.runs.study.study_document import parse_study
+from valerie.scene.assets.asset import load_asset
+from valerie.scene.variation.variant import apply
 from valerie.settings import Settings
+from valerie.storage import codecs
 from valerie.studies.pursuit import strategy_of
 from valerie.studies.resolved import ResolvedStudy, resolve_study
 
 GOALS: Final = ("estimate", "find", "map", "rank", "compare", "cascade")
-SIZES: Final = (64, 512)
-BATCHES: Final = 6
+#: Number of batches by the number of variants in each.
+BATCHES: Final = {64: 20, 512: 6}
+#: Variants that are rendered; the first ones warm the caches.
+_RENDERED: Final = 48
+_WARMING: Final = 16
 _OPTIONS: Final[dict[str, JsonObject]] = {"compare": {"within": 0.001}, "cascade": {"renderer": "cycles"}}
 _FUNCTIONS: Final = ("semantic-fpn-small", "deeplabv3plus-small")
 _EXAMPLE: Final = Path(__file__).parents[1] / "examples" / "guided.yaml"
@@ -43,8 +50,9 @@ class OverheadRow:
     """CPU seconds of a strategy per batch.
 
     Attributes:
-        batch: variants of a batch, the same in `BATCHES` batches.
-        rendering, products: shares of the expected price of the batch's layers and truths, and of all its products.
+        batch: variants of a batch, the same in all `BATCHES` of it.
+        seconds: mean of these batches.
+        rendering: share of its layers and truths, with warm caches.
     """
 
     goal: str
@@ -52,7 +60,6 @@ class OverheadRow:
     batch: int
     seconds: float
     rendering: float
-    products: float
 
 
 def measure_overhead(goal: str, batch: int, *, car: bool = False) -> OverheadRow:
@@ -64,28 +71,47 @@ def measure_overhead(goal: str, batch: int, *, car: bool = False) -> OverheadRow
     study = _study(goal, batch, car=car)
     _pursued(study, goal, batch)  # imports its libraries
     started = time.process_time()
-    points = _pursued(study, goal, batch)
-    seconds = (time.process_time() - started) / BATCHES
-    price = plan(resolve_new(study.spec(points, 0, parent=None, seed=0), Settings(), registered=_FUNCTIONS))
-    rendering = sum(p.cpu_seconds for p in price.products if p.kind in (ProductKind.LAYER, ProductKind.TRUTH))
-    of_batch = seconds * len(points) / batch
-    products = price.cpu_seconds - price.start_cpu_seconds
+    _pursued(study, goal, batch)
+    seconds = (time.process_time() - started) / BATCHES[batch]
     named = f"{goal}, car" if car else goal
-    return OverheadRow("overhead", named, batch, seconds, of_batch / rendering, of_batch / products)
+    return OverheadRow("overhead", named, batch, seconds, seconds / (batch * _frame_seconds(car=car)))
 
 
-def _pursued(study: ResolvedStudy, goal: str, batch: int) -> UnitPoints:
-    """Ask for some batches, and return the points of the last one."""
+def _pursued(study: ResolvedStudy, goal: str, batch: int) -> None:
+    """Ask for some batches."""
     strategy, compares = strategy_of(study), goal == "compare"
-    points = np.empty((0, study.domain.dimensions))
-    for _ in range(BATCHES):
+    for _ in range(BATCHES[batch]):
         asked = strategy.ask(batch).points
         if not len(asked):  # decided
             break
-        points, scores = asked, _score(asked)
-        strategy.tell(points, np.column_stack([scores, scores - 0.2 * (points[:, 0] > 0.5)]) if compares else scores)
+        scores = _score(asked)
+        strategy.tell(asked, np.column_stack([scores, scores - 0.2 * (asked[:, 0] > 0.5)]) if compares else scores)
         _ = strategy.result
-    return points
+
+
+@functools.cache
+def _frame_seconds(*, car: bool) -> float:
+    """Measure the CPU seconds of a variant's layer and truth."""
+    study = _study("estimate", _RENDERED, car=car)
+    points = strategy_of(study).ask(_RENDERED).points
+    run = resolve_new(study.spec(points, 0, parent=None, seed=0), Settings(), registered=_FUNCTIONS)
+    asset, spec = load_asset(run.spec.asset), run.spec
+    assert spec.cameras is not None, "the example names its camera"
+    view = View(spec.cameras[0], spec.resolution.width, spec.resolution.height)
+    engine, truth_pass = plugins.create_renderer("raster"), plugins.create_truth_pass("")
+    started, digest = 0.0, ""
+    for i, (_, values) in enumerate(run.space.values(0, _RENDERED)):
+        if i == _WARMING:
+            started = time.process_time()
+        scene = apply(values, asset)
+        layer = engine.layer(scene, view)
+        statics, truth = truth_pass.parts(scene, view)
+        if i == 0:
+            engine.background(scene, view)
+            digest = codecs.statics_digest(statics)
+        codecs.encode_layer(layer)
+        codecs.encode_truth_layer(truth, digest)
+    return (time.process_time() - started) / (_RENDERED - _WARMING)
 
 
 def _study(goal: str, batch: int, *, car: bool) -> ResolvedStudy:

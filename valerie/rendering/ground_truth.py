@@ -51,7 +51,7 @@ class TruthPass:
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
         self._labels = SurfaceDrawer(self._context, "truth.frag")
-        self._mask = SurfaceDrawer(self._context, "mask.frag", depth_test=False)
+        self._mask = SurfaceDrawer(self._context, "mask.frag", keeps="last")
         with self._context.current() as gl:
             self._sky = ScreenPass(gl, self._context.program("screen.vert", "truth_fill.frag"))
             self._copy = ScreenPass(gl, self._context.program("screen.vert", "truth_fill.frag", FROM_STATICS=1))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from valerie.scene.assets.manifest import Footprint, Manifest
 from valerie.scene.legality.ground import ground_height, level_ground
-from valerie.scene.legality.movers import Mover, Poses
+from valerie.scene.legality.movers import Mover, Placed, Poses
 from valerie.scene.legality.obstacles import Outlines, Polygons
 
 
@@ -52,10 +52,11 @@ class MoverRules:
             rule = self._rules[number]
             if not rule.mover.has_place:
                 continue
-            for index, reason in self._alone(rule, own).items():
+            whole = own.polygons()
+            for index, reason in self._alone(rule, own, whole).items():
                 alone = (number, -1, reason)
                 found[index] = min(found.get(index, alone), alone)
-            for index, other in (*self._still(own, poses.keys()), *_moving(number, poses)):
+            for index, other in (*self._still(whole, poses.keys()), *_moving(number, poses)):
                 if (number, other) not in self._together:
                     first, last = sorted((number, other))
                     names = (self._rules[one].mover.name for one in (first, last))
@@ -63,18 +64,18 @@ class MoverRules:
                     found[index] = min(found.get(index, overlap), overlap)
         return {index: reason for index, (_, _, reason) in found.items()}
 
-    def _still(self, own: Poses, moved: Set[int]) -> Iterator[tuple[int, int]]:
+    def _still(self, whole: Placed, moved: Set[int]) -> Iterator[tuple[int, int]]:
         """Yield the index of a variant and that of a mover at rest that a mover overlaps."""
-        for variants, polygons in own.polygons():
+        for variants, polygons in whole:
             for met, other in zip(*self._own.query(polygons, predicate="intersects").tolist(), strict=True):
                 if self._owners[other] not in moved:
                     yield int(variants[met]), self._owners[other]
 
-    def _alone(self, rule: _Rule, poses: Poses) -> dict[int, str]:
+    def _alone(self, rule: _Rule, poses: Poses, whole: Placed) -> dict[int, str]:
         """Return the reasons why a mover's place is illegal regardless of other movers, by index of the variant."""
         name, reasons = rule.mover.name, dict[int, str]()
         # Reasons that take precedence come later.
-        for variants, polygons in reversed(poses.polygons()):
+        for variants, polygons in reversed(whole):
             ways = {} if rule.ways is None else self._ways.first(polygons, but=rule.ways)
             for met, obstacle in (ways | self._resting.first(polygons, but=rule.among)).items():
                 reasons[int(variants[met])] = f"{name} stands {obstacle.text}"
@@ -83,7 +84,7 @@ class MoverRules:
                 uneven = variants[~_stand_on(standing, rule.grounds)]
                 reasons |= dict.fromkeys(uneven.tolist(), f"{name} leaves its level ground")
         if rule.keeps_within:
-            for variants, polygons in poses.polygons():
+            for variants, polygons in whole:
                 outside = variants[~_within(polygons, self._extent)]
                 reasons |= dict.fromkeys(outside.tolist(), f"{name} is outside the asset")
         return reasons

@@ -20,6 +20,8 @@ from valerie.scene.legality.obstacles import Polygons, widened
 
 #: (K,) indices of variants.
 Indices = NDArray[np.int64]
+#: Outlines at their places in the world: (K,) indices of variants, and (K,) polygons, metres.
+Placed = list[tuple[Indices, Polygons]]
 
 _PLACE: Final = ("pos.x", "pos.y")
 _TURNS: Final = ("heading", "rot.z")
@@ -179,8 +181,8 @@ class Poses:
     turn: NDArray[np.float64]
     size: NDArray[np.float64]
 
-    def polygons(self, of: Indices | None = None, *, standing: bool = False) -> list[tuple[Indices, Polygons]]:
-        """Return the outlines that count at their places in the world: (K,) indices of variants, and (K,) polygons, metres.
+    def polygons(self, of: Indices | None = None, *, standing: bool = False) -> Placed:
+        """Return the outlines that count.
 
         Args:
             of: indices of the variants, in order; None: all.

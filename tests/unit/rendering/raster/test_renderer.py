@@ -135,6 +135,41 @@ def test_movables_hide_the_sky_from_the_ground_beside_and_below_them(
     assert measured.min() < 0.7
 
 
+@pytest.mark.parametrize("heading", [0.0, 30.0])
+def test_a_canopy_hides_the_sky_from_who_stands_below_it(raster: RasterRenderer, heading: float) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0, -8, 1.2), 0, 0, 0), focal_length_mm=90.0)
+    black = Material("black", (0.0,) * 3, roughness=1.0, specular=0.0)
+    turned = trimesh.transformations.rotation_matrix(math.radians(heading), (0, 0, 1))
+    body, canopy = (
+        Node(f"scene.{name}", turned, (box_mesh(low, high, material),), movable=True)
+        for name, low, high, material in (
+            ("person-1", (-0.25, -0.15, 0.0), (0.25, 0.15, 1.75), "matt"),
+            ("umbrella-1", (-0.5, -0.5, 2.0), (0.5, 0.5, 2.03), "black"),
+        )
+    )
+    scene = one_mesh(box_mesh((-30, -30, -1), (30, 30, 0), "black"), black, camera)
+    scene = replace(
+        scene,
+        nodes={**scene.nodes, body.path: body},
+        materials={"black": black, "matt": Material("matt", (0.5,) * 3, roughness=1.0, specular=0.0)},
+        environment=Environment(cloud_cover=1.0),
+    )
+    covered = replace(scene, nodes={**scene.nodes, canopy.path: canopy})
+    view, alone = View("camera-1", 320, 180), triangles_of(replace(scene, nodes={canopy.path: canopy}))
+    prints = footprints(triangles_of(replace(scene, nodes={body.path: body})), camera, view)
+    inside = prints.flat
+    points, normals = prints.points[0][inside], prints.normals[inside]
+    directions = even_directions(256)
+    weights = np.maximum(normals @ directions.T, 0) * (1 + 2 * directions[:, 2])  # the overcast sky of the CIE
+    open_to = np.stack([~blocked(alone, points + 1e-4 * normals, direction) for direction in directions], axis=1)
+    expected = (weights * open_to).sum(axis=1) / weights.sum(axis=1)
+    with_canopy, without = (raster.full(s, view).pixels[..., 1].astype(np.float64)[inside] for s in (covered, scene))
+    # A requirement of ours: a sixth of the sky's light.
+    np.testing.assert_allclose(with_canopy / without, expected, atol=1 / 6)
+    assert expected.min() < 0.65
+    assert (with_canopy / without).min() < 0.7
+
+
 def test_the_layer_is_no_larger_than_the_changes_by_the_person(raster: RasterRenderer) -> None:
     scene = apply({"scene.person-1.pos.y": 30.0}, simple_asset())
     view = View("camera-1", 960, 540)

@@ -28,6 +28,7 @@ from valerie.rendering.raster.light.pane_image import PaneImage
 from valerie.rendering.raster.light.panorama import SKY_DISTANCE, Panorama
 from valerie.rendering.raster.light.shadows import (
     LARGEST_PENUMBRA,
+    NO_COLUMN,
     SHADOW_DISTANCE,
     SKY_TILES,
     MovableShadows,
@@ -159,12 +160,18 @@ class Lighting:
         self._gl = gl
         self._reach = reach
         directions = SKY_TILES[0] * SKY_TILES[1]
-        self.openness, self.skylight = (
-            ScreenPass(gl, context.program("screen.vert", name, DIRECTIONS=directions, SKYLIGHT_CELL=SKYLIGHT_CELL))
-            for name in ("openness.frag", "skylight.frag")
+        sky = {"DIRECTIONS": directions, "SKYLIGHT_CELL": SKYLIGHT_CELL}
+        movables = {"MOVABLES": 1, "NO_COLUMN": NO_COLUMN}
+        self.openness, self.cover, self.skylight, self.occlusion, self.contact = (
+            ScreenPass(gl, context.program("screen.vert", f"{name}.frag", **defines))
+            for name, defines in (
+                ("openness", sky),
+                ("openness", sky | movables),
+                ("skylight", sky),
+                ("occlusion", {}),
+                ("occlusion", movables),
+            )
         )
-        self.occlusion = ScreenPass(gl, context.program("screen.vert", "occlusion.frag"))
-        self.contact = ScreenPass(gl, context.program("screen.vert", "occlusion.frag", MOVABLES=1))
         self.blur = ScreenPass(gl, context.program("screen.vert", "blur.frag"))
         self.plain = ScreenPass(gl, context.program("screen.vert", "plain.frag"))
         self.detail = ScreenPass(gl, context.program("screen.vert", "detail.frag"))
@@ -219,7 +226,7 @@ class Lighting:
             lamps: light of the lamps; None if no lamp is on.
         """
         camera = _sample_values(viewpoint)
-        movable_shadow, soles = (None, None) if movables is None else (movables.sun, movables.below)
+        movable_shadow, columns = (None, None) if movables is None else (movables.sun, movables.columns)
         textures = _shading_textures(targets, surfaces, day, movable_shadow)
         values: dict[str, Uniform] = {
             **camera,
@@ -246,6 +253,13 @@ class Lighting:
         needs = _needs(day.sky, movables, lamps)
         samples = _sample_textures(targets)
         geometry = {name: samples[name] for name in ("depth_map", "normals_map")}
+        over: dict[str, Sampled] = {}
+        placed: dict[str, Uniform] = {}
+        if columns is not None:
+            light = columns.light
+            placed = {"columns_origin": tuple(light.origin[:2]), "columns_extent": tuple(light.extent[:2])}
+            assert surfaces.statics.depth is not None
+            over = {"columns": columns.texture, "mirror_depth": surfaces.statics.depth}
         depth = {"depth_map": samples["depth_map"]}
         first, second = targets.openness.colors
         plain_names = ("albedo_map", "normals_map", "material_map", "plain_depth")
@@ -253,17 +267,17 @@ class Lighting:
         radiance = {"radiance": targets.radiance.colors[0], "plain_radiance": targets.plain_radiance.colors[0]}
         return LitFrame(
             occlusion=_Step(
-                self.occlusion if soles is None else self.contact,
+                self.occlusion if columns is None else self.contact,
                 targets.occlusion,
-                geometry if soles is None else geometry | {"soles": soles.texture},
-                {**camera, **self._occlusion_values(viewpoint, soles)},
+                geometry | over,
+                {**camera, **self._occlusion_values(viewpoint), **placed},
             ),
             smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, camera),
             openness=_Step(
-                self.openness,
+                self.openness if columns is None else self.cover,
                 targets.openness,
-                geometry | {"atlas": day.maps.texture},
-                {**camera, **_openness_values(day.maps)},
+                geometry | over | {"atlas": day.maps.texture},
+                {**camera, **_openness_values(day.maps), **placed},
             ),
             skylight=_Step(
                 self.skylight,
@@ -283,22 +297,19 @@ class Lighting:
             needs=needs,
         )
 
-    def _occlusion_values(self, viewpoint: Viewpoint, soles: ShadowMap | None) -> Uniforms:
-        values: dict[str, Uniform] = {
+    def _occlusion_values(self, viewpoint: Viewpoint) -> Uniforms:
+        return {
             "radius": self._reach.occlusion_radius,
             "largest_radius": self._reach.largest_occlusion,
             "focal": viewpoint.camera.focal_length_px(viewpoint.view.width),
+            "contact_reach": (self._reach.contact_radius, self._reach.contact_rise),
         }
-        if soles is not None:
-            values |= {"soles_origin": soles.light.origin, "soles_extent": soles.light.extent}
-            values["contact_reach"] = (self._reach.contact_radius, self._reach.contact_rise)
-        return values
 
     def release(self) -> None:
         """Free the passes."""
         for screen_pass in (
-            self.openness, self.skylight, self.occlusion, self.contact, self.blur, self.plain, self.detail, self.resolve,
-            *self._shading.values(),
+            self.openness, self.cover, self.skylight, self.occlusion, self.contact, self.blur, self.plain, self.detail,
+            self.resolve, *self._shading.values(),
         ):  # fmt: skip
             screen_pass.release()
 

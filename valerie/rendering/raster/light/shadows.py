@@ -48,6 +48,8 @@ _BAND: Final = 512
 SHADOW_DISTANCE: Final = 160.0
 #: Widest blur of a shadow's edge to each side, metres.
 LARGEST_PENUMBRA: Final = 0.25
+#: The lowest height of a place without movables, metres; the highest is its negative.
+NO_COLUMN: Final = 1_000_000
 #: Texels per side of the map of `nearest_directions`.
 _AROUND: Final = 128
 #: As STEEPEST in ``openness.frag``.
@@ -118,6 +120,30 @@ class ShadowMap:
         """Free the map."""
         if self.casters is not None:
             self.casters.release()
+        self.target.release()
+
+
+class ColumnMap:
+    """The lowest and the highest surface of the movables over each place of the ground (``columns.glsl``).
+
+    Attributes:
+        light: the box that the map covers, seen from below: its axes are those of the world.
+    """
+
+    def __init__(self, gl: moderngl.Context, light: LightView, resolution: int) -> None:
+        self.light = light
+        self.target = RenderTarget(gl, (resolution, resolution), ((2, "f4"),), depth=False)
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        return self.target.colors[0]
+
+    def clear(self) -> None:
+        """Remove all columns."""
+        self.target.framebuffer.clear(-NO_COLUMN, -NO_COLUMN)
+
+    def release(self) -> None:
+        """Free the map."""
         self.target.release()
 
 
@@ -197,10 +223,10 @@ class SkyMaps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovableShadows:
-    """The movables of a frame as the sun sees them, None if it does not shine, and from below (``contact.glsl``)."""
+    """The movables of a frame as the sun sees them, None if it does not shine, and their columns."""
 
     sun: ShadowMap | None
-    below: ShadowMap
+    columns: ColumnMap
 
 
 class Shadows:
@@ -209,7 +235,9 @@ class Shadows:
     def __init__(self, context: GraphicsContext) -> None:
         self._context = context
         self._drawer = SurfaceDrawer(context, "shape.frag", all_faces=True, panes="not")
-        self._movable: dict[tuple[str, int], ShadowMap] = {}
+        self._column_drawer = SurfaceDrawer(context, "columns.frag", all_faces=True, panes="not", keeps="largest")
+        self._movable: dict[int, ShadowMap] = {}
+        self._columns: dict[int, ColumnMap] = {}
 
     def static(self, statics: Statics, light: LightView, table: moderngl.Texture) -> ShadowMap:
         """Draw the statics' shadow map for a view of `static_view`."""
@@ -221,29 +249,30 @@ class Shadows:
         return shadow
 
     def movable(self, prepared: Prepared, static: LightView | None, table: moderngl.Texture) -> MovableShadows:
-        """Draw the movables from below and, in the axes of the statics' map, as the sun sees them. Valid until the next call."""
+        """Draw the movables' columns and, in the axes of the statics' map, as the sun sees them. Valid until the next call."""
         geometry = prepared.statics.geometry
-        receivers = box_corners(geometry.low, geometry.high)
-        return MovableShadows(
-            None if static is None else self._of_movables("sun", prepared, static.rows, receivers, table),
-            self._of_movables("below", prepared, light_axes(np.array([0.0, 0.0, -1.0])), np.empty((0, 3)), table),
-        )
+        sun = None
+        if static is not None:
+            view, side = _around(prepared, static.rows, box_corners(geometry.low, geometry.high))
+            if side not in self._movable:
+                self._movable[side] = ShadowMap(self._context.gl, view, side)
+            sun = self._movable[side]
+            sun.light = view
+            sun.target.use()
+            sun.target.clear()
+            self._draw(self._drawer, prepared, view, table)
+        view, side = _around(prepared, light_axes(np.array([0.0, 0.0, -1.0])), np.empty((0, 3)))
+        if side not in self._columns:
+            self._columns[side] = ColumnMap(self._context.gl, view, side)
+        columns = self._columns[side]
+        columns.light = view
+        columns.target.use()
+        columns.clear()
+        self._draw(self._column_drawer, prepared, view, table)
+        return MovableShadows(sun, columns)
 
-    def _of_movables(
-        self, light: str, prepared: Prepared, rows: Matrix, receivers: Points, table: moderngl.Texture
-    ) -> ShadowMap:
-        bodies = np.concatenate([mesh.corners for mesh in prepared.placed])
-        side = CLOSE_MAP if float(np.ptp(bodies @ rows[:2].T, axis=0).max()) <= _CLOSE else MOVABLE_MAP
-        view = fit_light_view(rows, bodies, np.concatenate([bodies, receivers]), side, LARGEST_PENUMBRA + 0.1)
-        if (light, side) not in self._movable:
-            self._movable[light, side] = ShadowMap(self._context.gl, view, side)
-        shadow = self._movable[light, side]
-        shadow.light = view
-        shadow.target.use()
-        shadow.target.clear()
-        values = {"clip_from_world": view.clip_from_world}
-        self._drawer.movables(prepared.placed, prepared.statics.textures, table, values)
-        return shadow
+    def _draw(self, drawer: SurfaceDrawer, prepared: Prepared, view: LightView, table: moderngl.Texture) -> None:
+        drawer.movables(prepared.placed, prepared.statics.textures, table, {"clip_from_world": view.clip_from_world})
 
     def sky(self, statics: Statics, table: moderngl.Texture) -> SkyMaps:
         """Draw the statics' depth maps from directions all over the sky."""
@@ -251,9 +280,17 @@ class Shadows:
 
     def release(self) -> None:
         """Free the movables' maps."""
-        for shadow in self._movable.values():
-            shadow.release()
-        self._movable.clear()
+        for maps in (self._movable, self._columns):
+            for drawn in maps.values():
+                drawn.release()
+            maps.clear()
+
+
+def _around(prepared: Prepared, rows: Matrix, receivers: Points) -> tuple[LightView, int]:
+    """Return a map's view of the movables, along which it covers the receivers, too, and its texels per side."""
+    bodies = np.concatenate([mesh.corners for mesh in prepared.placed])
+    side = CLOSE_MAP if float(np.ptp(bodies @ rows[:2].T, axis=0).max()) <= _CLOSE else MOVABLE_MAP
+    return fit_light_view(rows, bodies, np.concatenate([bodies, receivers]), side, LARGEST_PENUMBRA + 0.1), side
 
 
 def static_view(geometry: StaticGeometry, camera: Camera, view: View, toward_sun: Points) -> LightView:

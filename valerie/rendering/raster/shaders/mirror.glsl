@@ -80,21 +80,24 @@ vec3 shown(vec3 root, uvec2 material, float far, float spread) {
 }
 
 // Radiance at p from directions within ``spread`` radians of r, and the known share of it, which is 0 where the image shows only
-// surfaces below the mirror. Beyond the image, its border is repeated.
+// surfaces below the mirror. A ray that ends behind a surface, however far, meets it, since nobody sees how thick a tree is. Beyond
+// the image, its border is repeated.
 vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
     Path path = path_of(p, r);
-    bool hit = false;
+    bool hit = false, hidden = false;
     float before = 0.0, behind = path.part, passed = 0.0;
     int i = 1, steps = wanted ? MIRROR_STEPS : 1;
     do {
         float at = place_of(path, i), nearer = depth_on(path, passed), seen;
-        bool met = is_behind(path.from + path.way * at, depth_on(path, at), p.z, seen) && !hit && wanted
-            && seen > nearer - MIRROR_THICKNESS.x - MIRROR_THICKNESS.y * nearer;
-        before = met ? passed : before;
-        behind = met ? at : behind;
-        hit = hit || met;
+        bool hides = is_behind(path.from + path.way * at, depth_on(path, at), p.z, seen) && wanted;
+        bool enters = hides && !hidden && !hit;
+        before = enters ? passed : before;
+        behind = enters ? at : hides || hit ? behind : path.part;
+        hit = hit || enters && seen > nearer - MIRROR_THICKNESS.x - MIRROR_THICKNESS.y * nearer;
+        hidden = hides;
         passed = at;
     } while (++i <= steps);
+    hit = hit || hidden;
     i = 0;
     int halvings = hit ? MIRROR_HALVINGS : 1;
     do {

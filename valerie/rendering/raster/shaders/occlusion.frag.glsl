@@ -9,6 +9,7 @@ uniform float radius;          // metres
 uniform float largest_radius;  // pixels
 uniform float focal;           // pixels
 #ifdef MOVABLES
+#include "columns.glsl"
 #include "contact.glsl"
 #endif
 layout(location = 0) out float out_open;

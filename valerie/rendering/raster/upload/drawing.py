@@ -31,7 +31,7 @@ class SurfaceDrawer:
         fragment: name of the shader, e.g. ``surface.frag``.
         textures: use of textures apart from the alpha of cut surfaces: ``ignored``, ``known`` (the shader gets texture
             coordinates and tangent frames but no texture) or ``read``.
-        depth_test: if False, draw over everything.
+        keeps: the ``nearest`` surface, the ``last`` drawn, or the ``largest`` of each colour component of all.
         all_faces: if True, draw back faces of single-sided surfaces too, as shadow casters need.
         panes: treatment of `Material.transmission`: draw a pane ``whole`` (for labels), ``sampled`` (some samples show the
             background) or ``not`` at all (a pane casts no shadow).
@@ -44,7 +44,7 @@ class SurfaceDrawer:
         fragment: str,
         *,
         textures: Literal["ignored", "known", "read"] = "ignored",
-        depth_test: bool = True,
+        keeps: Literal["nearest", "last", "largest"] = "nearest",
         all_faces: bool = False,
         panes: Literal["whole", "sampled", "not"] = "whole",
         sampler: moderngl.Sampler | None = None,
@@ -52,7 +52,7 @@ class SurfaceDrawer:
         self._context = context
         self._fragment = fragment
         self._textures = textures
-        self._depth_test = depth_test
+        self._keeps = keeps
         self._all_faces = all_faces
         self._panes = panes
         self._sampler = sampler
@@ -157,10 +157,11 @@ class SurfaceDrawer:
         if kind.clear and self._panes == "sampled":
             defines["CLEAR"] = 1
         program = self._context.program("geometry.vert", self._fragment, **defines)
-        flags = moderngl.DEPTH_TEST if self._depth_test else moderngl.NOTHING
+        flags = {"nearest": moderngl.DEPTH_TEST, "last": moderngl.NOTHING, "largest": moderngl.BLEND}[self._keeps]
         if not (kind.double_sided or self._all_faces):
             flags |= moderngl.CULL_FACE
         gl.enable_only(flags)
+        gl.blend_equation = moderngl.MAX, moderngl.MAX
         if self._sampler is not None:
             gl.clear_samplers()
         bind(program, samplers, None if kind.cut else self._sampler)
