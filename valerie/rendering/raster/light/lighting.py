@@ -253,13 +253,11 @@ class Lighting:
         needs = _needs(day.sky, movables, lamps)
         samples = _sample_textures(targets)
         geometry = {name: samples[name] for name in ("depth_map", "normals_map")}
-        over: dict[str, Sampled] = {}
-        placed: dict[str, Uniform] = {}
+        standing: Mapping[str, Sampled] = geometry
+        placed: Uniforms = {}
         if columns is not None:
-            light = columns.light
-            placed = {"columns_origin": tuple(light.origin[:2]), "columns_extent": tuple(light.extent[:2])}
-            assert surfaces.statics.depth is not None
-            over = {"columns": columns.texture, "mirror_depth": surfaces.statics.depth}
+            standing = {**geometry, "columns": columns.texture, "mirror_depth": textures["mirror_depth"]}
+            placed = columns.values
         depth = {"depth_map": samples["depth_map"]}
         first, second = targets.openness.colors
         plain_names = ("albedo_map", "normals_map", "material_map", "plain_depth")
@@ -269,14 +267,14 @@ class Lighting:
             occlusion=_Step(
                 self.occlusion if columns is None else self.contact,
                 targets.occlusion,
-                geometry | over,
+                standing,
                 {**camera, **self._occlusion_values(viewpoint), **placed},
             ),
             smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, camera),
             openness=_Step(
                 self.openness if columns is None else self.cover,
                 targets.openness,
-                geometry | over | {"atlas": day.maps.texture},
+                {**standing, "atlas": day.maps.texture},
                 {**camera, **_openness_values(day.maps), **placed},
             ),
             skylight=_Step(

@@ -23,6 +23,7 @@ from valerie.rendering.projection import (
 )
 from valerie.rendering.raster.gl.targets import RenderTarget
 from valerie.rendering.raster.gl.tiles import Mask
+from valerie.rendering.raster.gl.uniforms import Uniforms
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 from valerie.rendering.raster.upload.surroundings import SurfaceSample, prominence
 from valerie.scene.graph.model import Camera, Matrix
@@ -137,6 +138,12 @@ class ColumnMap:
     @property
     def texture(self) -> moderngl.Texture:
         return self.target.colors[0]
+
+    @property
+    def values(self) -> Uniforms:
+        """The uniforms that place it."""
+        origin, extent = self.light.origin, self.light.extent
+        return {"columns_origin": (origin[0], origin[1]), "columns_extent": (extent[0], extent[1])}
 
     def clear(self) -> None:
         """Remove all columns."""
