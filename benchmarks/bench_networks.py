@@ -133,7 +133,7 @@ def figures_of(matrices: Sequence[ConfusionMatrix]) -> dict[str, Any]:
 
 
 def show(engine: str, functions: Mapping[str, Any], aims: Mapping[str, float]) -> None:
-    """Print a line per function, choice of frames and average, and a line on whether the aim is reached."""
+    """Print a line per function, choice of frames and average, and a line on the aim."""
     names = ("pacc", "precision", "iou", "miou")
     heads = ("pACC", "precision", "IoU", "mIoU")
     wide = max(len(name) for name in functions)

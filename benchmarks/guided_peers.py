@@ -292,7 +292,7 @@ def _ranked(
 
 
 def _by_salib(planted: planted_scores.Planted, seed: int, totals: Floats) -> tuple[float, ...]:
-    """Return coverage and width of SALib's intervals, whether it names the first parameter, and whether it has no indices."""
+    """Return coverage and width of SALib's intervals; True if it names the first parameter; True if it has no indices."""
     sample, analyze = (import_module(f"SALib.{part}.sobol") for part in ("sample", "analyze"))
     dimensions = planted.dimensions
     problem = {

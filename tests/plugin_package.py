@@ -84,7 +84,7 @@ from valerie.perception.base import FunctionCard
 
 
 def troubles(picture):
-    """Return whether this picture causes trouble; about half of all do."""
+    """Return True if this picture causes trouble; about half of all do."""
     return hashlib.sha256(picture.tobytes()).digest()[0] % 2 == 0
 
 

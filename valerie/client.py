@@ -228,7 +228,7 @@ class Client:
         return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/accept", params=parameters)
 
     def set_study_mode(self, study_id: str, *, by_hand: bool) -> Study:
-        """Set whether a person accepts each batch from now on."""
+        """Set from now on if a person accepts each batch."""
         return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/mode", params={"by_hand": by_hand})
 
     def stop_study(self, study_id: str) -> Study:

@@ -47,7 +47,7 @@ class Connection(H11Protocol):
         self._stop_watching()
 
     def pause_writing(self) -> None:
-        """Watch whether the client takes what waits."""
+        """Watch the client take what waits."""
         super().pause_writing()
         self._stop_watching()
         self._watch(self.transport.get_write_buffer_size())

@@ -227,7 +227,7 @@ def _begin(target: Target, outcome: Outcome, fault: Happened) -> threading.Threa
 
 
 def _act(target: Target, action: str) -> bool:
-    """Send a request of the user; return whether it was accepted."""
+    """Send a request of the user; return True if it was accepted."""
     with suppress(httpx.TransportError):
         return target.system.client.post(f"/v1/runs/{target.run_id}/{action}").is_success
     return False

@@ -84,7 +84,7 @@ def tried(seed: int, faults: Sequence[str], calm: Outcome, *, outage: bool) -> t
 
 
 def many(tries: Iterable[tuple[int, tuple[Outcome, float]]], calm: Outcome, options: str) -> bool:
-    """Print figures of seeds and the command that repeats each failure, and return whether a seed failed."""
+    """Print figures of seeds and the command that repeats each failure, and return True if a seed failed."""
     outcomes, seconds, failed = dict[int, Outcome](), 0.0, 0
     for seed, (outcome, took) in tries:
         outcomes[seed], seconds = replace(outcome, trace=()), seconds + took
@@ -107,7 +107,7 @@ def many(tries: Iterable[tuple[int, tuple[Outcome, float]]], calm: Outcome, opti
 
 
 def found(name: str, calm: Outcome) -> bool:
-    """Return whether a schedule finds a planted bug, and print the first that does."""
+    """Return True if a schedule finds a planted bug, and print the first that does."""
     bug = BUGS[name]
     with bug.plant():
         for seed in range(1, _SOON + 1):

@@ -57,7 +57,7 @@ class Weather:
         self._spells.append((until, fault))
 
     def meets(self, name: str) -> bool:
-        """Return whether a process meets faults of this name now; they are felt."""
+        """Return True if a process meets faults of this name now; they are felt."""
         met = [fault for until, fault in self._spells if fault.name == name and until > self._schedule.now]
         for fault in met:
             fault.felt = True

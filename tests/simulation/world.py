@@ -306,7 +306,7 @@ class Simulation:
         return sum(fault.felt for fault in self._faults)
 
     def _calm(self) -> bool:
-        """Return whether there are no further faults, and the last one is over."""
+        """Return True if there are no further faults, and the last one is over."""
         drawn = self._felt() >= self._count or self._schedule.now > LAST_FAULT
         return drawn and self._schedule.now > self._disturbed_at
 
@@ -377,7 +377,7 @@ class Simulation:
         self._schedule.at(self._schedule.now + seconds, act)
 
     def _works(self, name: str) -> bool:
-        """Return whether a process serves a message or has the role of the control loop."""
+        """Return True if a process serves a message or has the role of the control loop."""
         process = self._processes[name][0]
         return process in self._held or (
             process.alive and self._sql.execute(_HOLDER, (ROLE, process.name)).fetchone() is not None

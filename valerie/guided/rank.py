@@ -230,7 +230,7 @@ class Rank:
         return [block for block in self._ended() if not np.isnan(self._scores[block]).any()]
 
     def _readmit(self, blocks: list[int]) -> None:
-        """Check once whether the screening was right; if it was not, begin again with each parameter for itself."""
+        """Check the screening once; if it was wrong, begin again with each parameter for itself."""
         if len(blocks) < FEWEST:
             return
         self._checked = True

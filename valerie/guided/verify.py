@@ -45,7 +45,7 @@ class Verification(Result):
 
 
 class Verify:
-    """Strategy that decides whether a requirement is met.
+    """Strategy that decides a requirement.
 
     Args:
         domain: the operational domain.

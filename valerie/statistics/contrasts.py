@@ -351,7 +351,7 @@ class _Family:
     def _alike(
         self, figures: NDArray[np.float64], rows: NDArray[np.bool_], fitted: NDArray[np.float64] | None = None
     ) -> NDArray[np.bool_]:
-        """Return (S,) bool, whether figures of the places in ``rows`` are alike among neighbours, apart from a fit."""
+        """Return (S,) bool, True if figures of the places in ``rows`` are alike among neighbours, apart from a fit."""
         if self.observations.positions is None:
             return np.zeros(figures.shape[1], np.bool_)
         return alike(figures, self.observations.positions[rows], fitted, within=fitted is None)
@@ -488,7 +488,7 @@ def _averages(
     furthest: float,
     together: NDArray[np.bool_],
 ) -> Iterator[Contrast]:
-    """Yield the contrasts of `_Family._averages`; (S,) ``together`` states whether neighbouring places are alike."""
+    """Yield the contrasts of `_Family._averages`; (S,) ``together`` is True if neighbouring places are alike."""
     known = np.isfinite(figures)
     places = known.sum(axis=0)
     filled = np.where(known, figures, 0.0)

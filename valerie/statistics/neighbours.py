@@ -1,4 +1,4 @@
-"""Test whether neighbouring places of one site score alike.
+"""Test if neighbouring places of one site score alike.
 
 A mean over places is judged by the scatter of the places, as if each were independent evidence. Places of one street often
 are not: neighbours share houses, shade and background. Then a difference between two rows of places, or the mean effect of a

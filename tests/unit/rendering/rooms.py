@@ -67,7 +67,7 @@ def pane(pictures: Texture, camera: str, elevation: float = 40.0, **environment:
 
 
 def walls_met(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return the wall that the ray of each pixel meets, −1 beside the pane, and whether it is sure: away from all edges."""
+    """Return the wall that the ray of each pixel meets, −1 beside the pane, and True if it is sure: away from all edges."""
     rays, eye = pixel_rays(camera, VIEW), camera.position
     at = eye + rays * ((5.0 - eye[1]) / rays[..., 1])[..., None]
     through = (np.abs(at[..., 0]) < WIDE / 2 - 0.15) & (at[..., 2] > LOW + 0.15) & (at[..., 2] < HIGH - 0.15)

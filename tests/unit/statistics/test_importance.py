@@ -164,7 +164,7 @@ def field(reach_m, rng):
 
 
 def names_a_column(seed, *, places=0.0, suns=0.0, effect=0.0, guarded=True):
-    """Whether any column is named, where places and effects of the sun are alike over some metres, besides an effect."""
+    """True if any column is named, where places and effects of the sun are alike over some metres, besides an effect."""
     rng = np.random.default_rng(seed)
     scores = (
         0.5 + 0.1 * field(places, rng)[PLACE] + 0.1 * SUN * field(suns, rng)[PLACE] + 0.05 * rng.standard_normal(480)

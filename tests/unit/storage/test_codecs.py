@@ -17,7 +17,7 @@ sides = st.integers(1, 12)
 
 
 def _same(left: NDArray[Any], right: NDArray[Any]) -> None:
-    """Return whether arrays are equal to the bit, with NaN payloads and the sign of zero."""
+    """Return True if arrays are equal to the bit, with NaN payloads and the sign of zero."""
     assert left.dtype == right.dtype
     assert left.shape == right.shape
     assert left.tobytes() == right.tobytes()

@@ -79,7 +79,7 @@ def unequal_sentence(unequal: Sequence[Inequality]) -> str:
 
 
 def searched_sentence(findings: Findings) -> str:
-    """Return how the findings were searched, and whether any is confirmed."""
+    """Return how the findings were searched, and if any is confirmed."""
     if not findings.comparisons:
         return "Nothing to compare: vary a parameter, or name several functions."
     found = (*findings.items, *findings.candidates)

@@ -1,4 +1,4 @@
-"""Doubt about a worker: whether its failures in a row are those of the products or of the machine."""
+"""Doubt about a worker: its failures in a row may be those of the products or of the machine."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ Quality = Literal["draft", "standard", "high", "paper"]
 
 
 class Preset(NamedTuple):
-    """Samples per pixel, and whether Open Image Denoise runs."""
+    """Samples per pixel, and True if Open Image Denoise runs."""
 
     samples: int
     denoise: bool

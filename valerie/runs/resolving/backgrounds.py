@@ -1,4 +1,4 @@
-"""Estimate, from the spec only, whether a run has few backgrounds for its frames."""
+"""Estimate from the spec alone if a run has few backgrounds for its frames."""
 
 from __future__ import annotations
 

@@ -213,7 +213,7 @@ def files(packed: Iterable[bytes]) -> list[str]:
 
 
 def alike(some: Sequence[NDArray[np.int64]], others: Sequence[NDArray[np.int64]]) -> list[bool]:
-    """Whether sheets show the same, apart from the loss of one more encoding."""
+    """True if sheets show the same, apart from the loss of one more encoding."""
     return [float(np.abs(one - other).mean()) < 3.0 for one, other in zip(some, others, strict=True)]
 
 

@@ -1,4 +1,4 @@
-"""Whether a run will be done by its deadline, in words."""
+"""The outlook on a run's deadline, in words."""
 
 from __future__ import annotations
 

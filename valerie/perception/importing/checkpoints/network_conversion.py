@@ -259,7 +259,7 @@ def _agree(settings: NetworkSettings, config: JsonObject) -> bool:
 
 
 def _classes(entries: JsonObject, count: int, field: str) -> tuple[tuple[str, ...], bool]:
-    """Return the names of the classes, and whether the file states them."""
+    """Return the names of the classes, and True if the file states them."""
     for place in ("meta.CLASSES", "meta.dataset_meta.classes", "meta.dataset_meta.CLASSES"):
         names = entries.get(place)
         if isinstance(names, list | tuple) and all(isinstance(name, str) for name in names):
@@ -283,7 +283,7 @@ def _fitting(classes: tuple[str, ...], count: int, field: str) -> tuple[str, ...
 def _units_of(
     layout: Layout, checkpoint: StoredCheckpoint, config: JsonObject, field: str
 ) -> tuple[PictureUnits, bool]:
-    """Return the units of the layout, updated with those in the file, and whether the file states any."""
+    """Return the units of the layout, updated with those in the file, and True if the file states any."""
     usual = layout.units
     for place, flag in (
         ("data_preprocessor", "bgr_to_rgb"),
