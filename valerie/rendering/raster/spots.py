@@ -2,8 +2,8 @@
 
 The engine photographs it itself: five small square images, level and straight up, from the middle of the cubic metre that the
 camera is in, so that a moving camera seldom needs a new one. Downwards, the ground is level and of one colour. The images are
-resampled to an octahedral map with the distance of each texel, in which ``captured.glsl`` follows reflected rays. Movables are
-not mirrored, so they never change a pixel this way.
+resampled to an octahedral map with the inverse distance of each texel, in which ``captured.glsl`` follows reflected rays.
+Movables are not mirrored, so they never change a pixel this way.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from valerie.scene.graph.model import Camera
 
 #: Pixels per side of the five images, which have a field of view of 90°.
 _VIEW: Final = View("panorama", 64, 64)
-#: Least size of a mesh in it, as a share of its distance: 2.5 pixels of the five images.
-_LEAST: Final = 0.08
+#: Least size of a mesh in it, as a share of its distance: 1.3 pixels of an image. At 0.08, distant trees are missing.
+_LEAST: Final = 0.04
 #: Brightest value: the sun's own mirror image is a highlight (``lighting.frag``).
 _BRIGHTEST: Final = 6.0
 #: Least height of a spot above the ground, metres.
@@ -77,7 +77,7 @@ class Spot:
             canvas.light(frame, ~canvas.grid.none())
             frame.release()
             face[..., :3] = canvas.read_pixels(everything)
-            face[..., 3] = canvas.read_depth(camera.near, camera.far) * rays.lengths
+            face[..., 3] = 1 / (canvas.read_depth(camera.near, camera.far) * rays.lengths)
         np.minimum(seen[..., :3], _BRIGHTEST, out=seen[..., :3])
         sharp = np.empty((*rays.face.shape, 4), np.float32)
         for k, face in enumerate(seen):
@@ -85,7 +85,7 @@ class Spot:
             sharp[here] = cv2.remap(face, *rays.at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[here]
         below = rays.face < 0
         sharp[below, :3] = ground
-        sharp[below, 3] = self._height / -rays.directions[below, 2]
+        sharp[below, 3] = -rays.directions[below, 2] / self._height
         panorama.fill(sharp)
 
     def release(self) -> None:

@@ -25,7 +25,7 @@ from valerie.rendering.raster.gl.uniforms import Sampled, Uniform, Uniforms
 from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
 from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
 from valerie.rendering.raster.light.pane_image import PaneImage
-from valerie.rendering.raster.light.panorama import SKY_DISTANCE, Panorama
+from valerie.rendering.raster.light.panorama import Panorama
 from valerie.rendering.raster.light.shadows import (
     LARGEST_PENUMBRA,
     NO_COLUMN,
@@ -188,7 +188,6 @@ class Lighting:
         if key not in self._shading:
             defines: dict[str, int] = {
                 "SKYLIGHT_CELL": SKYLIGHT_CELL,
-                "SKY_DISTANCE": SKY_DISTANCE,
                 **dict.fromkeys(key, 1),
             }
             if "LAMPS" in kind:

@@ -13,7 +13,7 @@ from valerie.rendering.projection import Points
 
 #: Texels per side of the map without its border, which continues it by one texel on each side.
 SIDE: Final = 160
-#: Distance of the sky in the map, metres. Surfaces are much nearer, so that a mean of distances tells the share of the sky.
+#: Distance of the sky in the map, metres. Surfaces are much nearer.
 SKY_DISTANCE: Final = 1000
 #: Standard deviation of the blur of the second layer, texels: about 4°.
 _BLUR: Final = 3.0
@@ -24,8 +24,8 @@ class Panorama:
 
     Attributes:
         spot: (3,) metres, world.
-        texture: two layers of an octahedral map, sharp and blurred: radiance, and distance in metres, of the sky at least
-            `SKY_DISTANCE`.
+        texture: two layers of an octahedral map, sharp and blurred: radiance, and inverse distance in 1/m, of the sky at most
+            1 / `SKY_DISTANCE`. Gaps between leaves hardly change its mean.
         known: False as long as the map is empty.
     """
 
@@ -38,7 +38,7 @@ class Panorama:
         self.texture.repeat_x = self.texture.repeat_y = False
 
     def fill(self, sharp: NDArray[np.float32]) -> None:
-        """Set the map, (side, side, 4): radiance and distance."""
+        """Set the map, (side, side, 4): radiance and inverse distance."""
         blurred = cv2.GaussianBlur(sharp, (0, 0), _BLUR, borderType=cv2.BORDER_REPLICATE)
         self.texture.write(np.stack([sharp, blurred]).astype(np.float16).tobytes())
         self.known = True

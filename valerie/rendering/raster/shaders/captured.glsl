@@ -1,11 +1,12 @@
 // Reflections of the panorama around the camera (spots.py) by smooth surfaces anywhere.
-uniform sampler2DArray panorama;    // octahedral, sharp and blurred: radiance, distance in metres
+uniform sampler2DArray panorama;    // octahedral, sharp and blurred: radiance, 1 / distance in metres
 uniform vec3 panorama_spot;         // where it was taken
 uniform float panorama_known;       // 0 while it is being taken
 
-const int CAPTURED_STEPS = 10;
+const int CAPTURED_STEPS = 11;
 const float CAPTURED_FIRST = 0.4;   // length of the first step, metres
-const float CAPTURED_GROWTH = 1.6; // of each further step
+const float CAPTURED_GROWTH = 1.7;  // of each further step
+const float FARTHEST = 300.0;       // of what hides the sky for certain, metres
 
 vec2 panorama_place(vec3 d) {
     float side = float(textureSize(panorama, 0).x);
@@ -21,7 +22,7 @@ vec3 captured(vec3 p, vec3 r, vec3 beyond, float blur, bool wanted) {
     int i = 0, steps = wanted ? CAPTURED_STEPS : 1;
     do {
         vec3 x = from + along * r;
-        float gap = length(x) - textureLod(panorama, vec3(panorama_place(x), 0.0), 0.0).a;
+        float gap = length(x) - 1.0 / max(textureLod(panorama, vec3(panorama_place(x), 0.0), 0.0).a, 1e-3);
         float span = along - passed;
         bool met = hit < 0.0 && gap > 0.15 + 0.02 * length(x) && gap < 1.5 + span;
         // The surface lies where the gap would be zero.
@@ -30,7 +31,7 @@ vec3 captured(vec3 p, vec3 r, vec3 beyond, float blur, bool wanted) {
         passed = along;
         along *= CAPTURED_GROWTH;
     } while (++i < steps);
-    vec2 at = panorama_place(hit < 0.0 ? r : from + max(hit, 0.1) * r);
+    vec2 at = panorama_place(from + max(hit < 0.0 ? along : hit, 0.1) * r);
     vec4 seen = mix(textureLod(panorama, vec3(at, 0.0), 0.0), textureLod(panorama, vec3(at, 1.0), 0.0), blur);
-    return mix(seen.rgb, beyond, smoothstep(0.0, 1.0, seen.a / float(SKY_DISTANCE)));
+    return mix(beyond, seen.rgb, smoothstep(0.0, 1.0, seen.a * FARTHEST));
 }
