@@ -56,7 +56,6 @@ def compared(raster: NDArray[Any], cycles: NDArray[Any], classes: NDArray[np.uin
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--asset", default="urban-street")
-    parser.add_argument("--sky", choices=("nishita", "scene"), default="nishita", help="sky of Cycles without clouds")
     parser.add_argument("--width", type=int, default=320)
     parser.add_argument("--height", type=int, default=180)
     parser.add_argument("--samples", type=int, default=16, help="samples of Cycles, denoised")
@@ -64,7 +63,6 @@ def main() -> None:
     asset, view = load_asset(arguments.asset), View("camera-1", arguments.width, arguments.height)
     figures: dict[str, Any] = {
         "asset": arguments.asset,
-        "sky": arguments.sky,
         "width": arguments.width,
         "height": arguments.height,
         "samples": arguments.samples,
@@ -72,7 +70,7 @@ def main() -> None:
     }
     try:
         raster, truth = RasterRenderer(), TruthPass()
-        cycles = CyclesRenderer(CyclesSettings(samples=arguments.samples, denoise=True, sky=arguments.sky))
+        cycles = CyclesRenderer(CyclesSettings(samples=arguments.samples, denoise=True))
         for name, values in SKIES.items():
             scene = apply(values, asset)
             classes = truth.parts(scene, view)[0].class_map

@@ -91,7 +91,7 @@ def main() -> None:
     ratios: dict[str, list[float]] = {group.name: [] for group in SUNS}
     try:
         raster, truth_pass = RasterRenderer(), TruthPass()
-        settings = CyclesSettings(samples=arguments.samples, denoise=False, sky="scene", clamp_indirect=0.0)
+        settings = CyclesSettings(samples=arguments.samples, denoise=False, clamp_indirect=0.0)
         cycles = CyclesRenderer(settings)
         # Half of them are hidden, or too small.
         for frame in planned(asset, arguments.width, arguments.height, arguments.persons * 5 // 2, SUNS):

@@ -87,6 +87,6 @@ def draw_arguments(rng: np.random.Generator) -> AssetArguments:
 
 
 #: Its revision is part of the asset's digest. Raise it whenever the street, the characters, cameras or defaults change.
-PACK: Final = Pack(6, Settings, site, draw_arguments)
+PACK: Final = Pack(7, Settings, site, draw_arguments)
 REVISION: Final = PACK.REVISION
 make_manifest, make_scene = PACK.make_manifest, PACK.make_scene

@@ -160,7 +160,7 @@ def test_settings_of_the_previous_image_leave_no_trace(holder: BlenderHolder) ->
         {"seed": 3},
         {"denoise": True},
         {"max_bounces": 1},
-        {"sky": "scene"},
+        {"light_tree": False},
     )
     for settings in before:
         engine(holder, **settings).background(scene, View("camera-2", 48, 27))

@@ -118,4 +118,4 @@ def _add_stop(plan: StreetPlan) -> None:
     plan.stand("static", "litter-bin", Spot(x + 0.3, y - 12.6, 0.0), 0.24, height=1.1)
 
 
-PACK: Final = Pack(2, Settings, site, draw_season)
+PACK: Final = Pack(3, Settings, site, draw_season)

@@ -145,4 +145,4 @@ def _add_cars(plan: StreetPlan, rng: np.random.Generator) -> None:
                     plan.park(picked(rng, _KINDS), spot, int(rng.integers(8)))
 
 
-PACK: Final = Pack(2, Settings, site, draw_season)
+PACK: Final = Pack(3, Settings, site, draw_season)

@@ -198,4 +198,4 @@ def _head(spot: Spot, group: str, lift: float) -> Head:
     return Head(round(x, 4), round(y, 4), spot.heading, group, lift)
 
 
-PACK: Final = Pack(2, Settings, site, draw_season)
+PACK: Final = Pack(3, Settings, site, draw_season)

@@ -150,4 +150,4 @@ def _add_plants(plan: StreetPlan, rng: np.random.Generator) -> None:
         plant(plan, rng, of_woods(rng), 8.5 + float(rng.uniform(0.0, 1.3)) + 0.2 * k, 110.0 + 7.0 * k, 0.8)
 
 
-PACK: Final = Pack(2, Settings, site, draw_season)
+PACK: Final = Pack(3, Settings, site, draw_season)

@@ -165,4 +165,4 @@ def _add_plants(plan: StreetPlan, rng: np.random.Generator) -> None:
         plant(plan, rng, of_woods(rng), x, y, 1.1, 2.9 * (k % 2))
 
 
-PACK: Final = Pack(2, Settings, site, draw_season)
+PACK: Final = Pack(3, Settings, site, draw_season)

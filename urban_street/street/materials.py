@@ -159,7 +159,7 @@ def foliage_materials(season: Season = "summer") -> dict[str, Material]:
         Material("strap", (0.03, 0.03, 0.03), roughness=0.8),
     ]
     for kind, leaf in _sprays().items():
-        through = _LEAF_TRANSLUCENCY if leaf.evergreen or season != "winter" else 0.0
+        through = species.TRANSLUCENCY if leaf.evergreen or season != "winter" else 0.0
         for name, tone in ((f"spray-{kind}", 1.0), (f"spray-{kind}-shade", 0.8)):
             materials.append(
                 Material(
@@ -168,11 +168,6 @@ def foliage_materials(season: Season = "summer") -> dict[str, Material]:
                 )
             )  # fmt: skip
     return {material.name: material for material in materials}
-
-
-#: Share of light through a leaf. Green leaves transmit nearly as much light as they reflect (Jacquemoud and Baret 1990,
-#: doi:10.1016/0034-4257(90)90100-Z), so both sides are equally bright: t = 1 − t / 2.
-_LEAF_TRANSLUCENCY = 0.66
 
 
 def _sprays() -> dict[str, species.Leaf]:

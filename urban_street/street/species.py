@@ -14,6 +14,10 @@ from urban_street.street.wood import TreeSettings
 Color = tuple[float, float, float]
 Line = tuple[tuple[float, float], ...]
 
+#: Share of the light scattered by a leaf that leaves it on the other side: green leaves transmit nearly as much as they reflect
+#: (Jacquemoud and Baret 1990, doi:10.1016/0034-4257(90)90100-Z).
+TRANSLUCENCY: Final = 0.45
+
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
@@ -25,7 +29,7 @@ class Leaf:
         along: number of pairs of leaves along a twig.
         twigs: number of pairs of side twigs.
         leaflets: leaflets that spread from each stalk; 1 for a simple leaf.
-        summer, autumn, spring: linear colours. A kind whose autumn is its summer is evergreen.
+        summer, autumn, spring: linear colours that the lit side shows. A kind whose autumn is its summer is evergreen.
         blossoms: True if it carries flowers of the spring's colour before its leaves.
     """
 

@@ -59,6 +59,12 @@ _OZONE: Final = np.array([0.65e-6, 1.881e-6, 0.085e-6])
 _MIE_SPECTRUM: Final = np.array([0.76, 1.0, 1.34])
 _MIE_ALBEDO: Final = 0.9
 _MIE_G: Final = 0.76
+#: Share of the light scattered by haze that stays so close to its direction that it counts as not scattered: delta-Eddington
+#: scaling (Joseph, Wiscombe and Weinman 1976, doi:10.1175/1520-0469(1976)033<2452:TDEAFR>2.0.CO;2). Single scattering would
+#: lose it, and make the sky near the horizon too dark.
+_MIE_FORWARD: Final = _MIE_G**2
+#: Share of the extinction by haze that is left.
+_MIE_LOSS: Final = 1 - _MIE_ALBEDO * _MIE_FORWARD
 #: Colour of the sun above the atmosphere; slightly blue, so that noon light (sun and sky together) is white.
 _SUN_ABOVE_AIR: Final = np.array([0.96, 1.0, 1.07])
 _GROUND_ALBEDO: Final = 0.2
@@ -325,7 +331,8 @@ def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array,
     points = origin + directions[:, None, :] * middle[..., None]
     height = np.maximum(np.linalg.norm(points, axis=-1) - _GROUND, 0)
     air, haze, ozone = _densities(height)
-    extinction = air[..., None] * _RAYLEIGH + (haze * mie)[..., None] * _MIE_SPECTRUM + ozone[..., None] * _OZONE
+    haze *= mie
+    extinction = air[..., None] * _RAYLEIGH + (haze * _MIE_LOSS)[..., None] * _MIE_SPECTRUM + ozone[..., None] * _OZONE
     travelled = np.cumsum(extinction * step[..., None], axis=1) - extinction * step[..., None] / 2
     to_sun = _thickness(points.reshape(-1, 3), np.broadcast_to(toward_sun, (points.size // 3, 3)), mie)
     reaching = np.exp(-travelled - to_sun.reshape(travelled.shape)) * _SUN_ABOVE_AIR
@@ -334,10 +341,9 @@ def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array,
     g = _MIE_G
     mie_phase = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
     by_air = (reaching * (air * step)[..., None]).sum(axis=1) * _RAYLEIGH * rayleigh_phase[:, None]
-    by_haze = (
-        (reaching * (haze * step)[..., None]).sum(axis=1) * (mie * _MIE_ALBEDO * _MIE_SPECTRUM) * mie_phase[:, None]
-    )
-    scattered = air[..., None] * _RAYLEIGH + (haze * mie * _MIE_ALBEDO)[..., None] * _MIE_SPECTRUM
+    by_haze = (reaching * (haze * step)[..., None]).sum(axis=1) * (_MIE_ALBEDO * _MIE_SPECTRUM) * mie_phase[:, None]
+    turned = haze * _MIE_ALBEDO * (1 - _MIE_FORWARD)
+    scattered = air[..., None] * _RAYLEIGH + turned[..., None] * _MIE_SPECTRUM
     surrounding = (np.exp(-travelled) * scattered * step[..., None]).sum(axis=1)
     return by_air + by_haze, surrounding
 
@@ -350,7 +356,7 @@ def _thickness(points: Array, directions: Array, mie: float) -> Array:
     samples = points[:, None, :] + directions[:, None, :] * middle[..., None]
     height = np.maximum(np.linalg.norm(samples, axis=-1) - _GROUND, 0)
     air, haze, ozone = ((density * step).sum(axis=1)[:, None] for density in _densities(height))
-    thickness: Array = air * _RAYLEIGH + haze * mie * _MIE_SPECTRUM + ozone * _OZONE
+    thickness: Array = air * _RAYLEIGH + haze * mie * _MIE_LOSS * _MIE_SPECTRUM + ozone * _OZONE
     return thickness
 
 

@@ -63,7 +63,7 @@ def test_the_sky_is_brightest_around_the_sun() -> None:
     assert math.degrees(math.acos(float(brightest @ toward))) < math.hypot(2.6, 3.2)
 
 
-@pytest.mark.parametrize("elevation", [25.0, 40.0, 60.0])
+@pytest.mark.parametrize("elevation", [15.0, 25.0, 40.0, 60.0])
 def test_a_clear_sky_is_as_bright_away_from_the_sun_as_the_cies_beside_its_light_on_the_ground(
     elevation: float,
 ) -> None:
@@ -79,7 +79,7 @@ def test_a_clear_sky_is_as_bright_away_from_the_sun_as_the_cies_beside_its_light
     # Rows are spaced by squares: a row's solid angle is its cosine times its distance from the next.
     weight = height * np.sqrt(1 - height**2) * np.gradient(np.arcsin(height[:, 0]))[:, None]
     ratios = ours / (ours * weight).sum() * (cie * weight).sum() / cie
-    where = (apart > math.radians(60)) & (height > math.sin(math.radians(10)))
+    where = (apart > math.radians(50)) & (height > math.sin(math.radians(2.5)))
     # To half a stop, a requirement of ours.
     assert np.abs(np.log2(ratios[where])).max() < 0.5
 
@@ -149,8 +149,9 @@ def test_light_falls_steadily_and_without_a_jump_from_day_to_night() -> None:
     # The light falls fastest in civil twilight: by a factor of 2.6 in half a degree in the tables.
     steps = (lux[1:] / lux[:-1]) ** (0.1 / -np.diff(elevations))  # per 0.1°
     assert (steps > 2.6 ** (-0.1 / 0.5)).all()
-    # By day, a bounded sky may brighten by a hundredth as the sun sinks by 0.1°, a requirement of ours.
-    assert (steps < 1.01).all()
+    # By day, the scene sets the luminance of the sun, so a sinking sun brightens its sky: by two hundredths per 0.1° at most,
+    # a requirement of ours.
+    assert (steps < 1.02).all()
 
 
 def test_the_night_sky_is_that_of_a_city_and_is_never_black() -> None:

@@ -11,7 +11,7 @@ from PIL import ImageDraw
 from scipy.ndimage import gaussian_filter
 
 from urban_street.street.plan import Season
-from urban_street.street.species import Color, Leaf
+from urban_street.street.species import TRANSLUCENCY, Color, Leaf
 from urban_street.texels import srgb8
 
 Image = NDArray[np.uint8]
@@ -100,7 +100,7 @@ def _draw(drawing: _Drawing, leaf: Leaf, season: Season, share: float, length: f
                     continue
                 # In autumn some leaves are still green.
                 green = rng.uniform(0.0, 1.0) ** 3 if season == "autumn" and not leaf.evergreen else 0.0
-                tone = color + green * (np.array(leaf.summer) - color)
+                tone = (color + green * (np.array(leaf.summer) - color)) / (1.0 - TRANSLUCENCY)
                 _leaf(drawing, leaf, point, turn, length * rng.uniform(0.7, 1.12), light * tone)
 
 

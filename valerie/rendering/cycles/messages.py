@@ -16,9 +16,9 @@ class CameraMessage(TypedDict):
 
 
 class AirMessage(TypedDict):
-    """Sun and air, in the unit of the linear image: the sun's irradiance and angle, extinction per metre; the weather's traces.
+    """Sun, air and ground, in the unit of the linear image: irradiance of the sun, radiance of haze and of the distant ground.
 
-    Wetness is 0 … 1, the depth of snow in metres.
+    The angle of the sun is in radians, extinction per metre, wetness 0 … 1, the depth of snow in metres.
     """
 
     sun: list[float]
@@ -26,18 +26,9 @@ class AirMessage(TypedDict):
     angular_diameter: float
     extinction: float
     haze: list[float]
+    ground: list[float]
     wetness: float
     snow_depth: float
-
-
-class SkyMessage(TypedDict):
-    """Blender's sky: angles in radians, its dust density, the irradiance that it gets, and the radiance of the ground."""
-
-    elevation: float
-    rotation: float
-    dust: float
-    irradiance: float
-    ground: list[float]
 
 
 class BeamMessage(TypedDict):

@@ -36,7 +36,7 @@ class CyclesRenderer:
     """
 
     name: ClassVar[str] = "cycles"
-    revision: ClassVar[int] = 9
+    revision: ClassVar[int] = 10
 
     def __init__(self, settings: CyclesSettings | None = None, holder: BlenderHolder | None = None) -> None:
         self._settings = (settings or CyclesSettings()).inputs()

@@ -10,7 +10,6 @@ from pydantic import Field
 from valerie.parameters.definitions import Value
 from valerie.rendering.engine import EngineSettings
 
-Sky = Literal["nishita", "scene"]
 Quality = Literal["draft", "standard", "high", "paper"]
 
 
@@ -40,8 +39,6 @@ class CyclesSettings(EngineSettings):
         max_bounces: largest number of bounces of a light path after the first surface.
         light_tree: sample lamps by their importance, for less noise with many lamps.
         clamp_indirect: upper limit of light after a bounce, in the image's unit; 0 for none. Suppresses single bright pixels.
-        sky: nishita: Blender's parametric sky with the raster engine's irradiance on the ground; scene: the raster engine's sky,
-            which clouds and fog always use.
         seed: seed of the noise.
     """
 
@@ -51,7 +48,6 @@ class CyclesSettings(EngineSettings):
     max_bounces: Annotated[int, Field(ge=0, le=64)] = 8
     light_tree: bool = True
     clamp_indirect: Annotated[float, Field(ge=0, le=1e6)] = 10.0
-    sky: Sky = "nishita"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
 
     def inputs(self) -> dict[str, Value]:

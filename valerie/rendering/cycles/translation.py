@@ -20,17 +20,14 @@ from valerie.parameters.definitions import Value
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderProcess
-from valerie.rendering.cycles.messages import AirMessage, BeamMessage, CameraMessage, LampMessage, SkyMessage
+from valerie.rendering.cycles.messages import AirMessage, BeamMessage, CameraMessage, LampMessage
 from valerie.rendering.lamps import Lamp, glowing, keeping_hue, lit_lamps, with_lit_rooms
 from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
-from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
+from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, Sky, sky_of
 from valerie.rendering.snowfall import snowed_on
 from valerie.scene.graph.model import ROOM_CELLS, Camera, Material, Matrix, Mesh, Scene, Texture
 
-#: Blender's dust density per unit of turbidity above pure air. It maps our clear day (3) to Blender's default (1).
-_DUST_PER_TURBIDITY: Final = 0.5
-_MOST_DUST: Final = 10.0
 #: Rows and columns of the sky panorama.
 _PANORAMA: Final = (256, 512)
 #: Unused objects are removed from Blender when they outnumber those in use by more than this.
@@ -136,9 +133,6 @@ def _ask(
     _keep_to(blender, {**settings, "samples": 1} if shows == "index" else settings)
     sky = sky_of(scene)
     lamps, scene, unlit = lit_lamps(scene, sky), glowing(scene, sky), scene
-    # Blender's sky has no clouds, fog or dusk.
-    dusk = math.degrees(scene.sun.elevation) < DUSK
-    own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
     lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
     scene = with_lit_rooms(keeping_hue(scene, sky), sky)
     sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0, snowy=sky.snow_depth > 0.0)
@@ -147,7 +141,7 @@ def _ask(
     matrices = np.stack([mesh.world for mesh in meshes]) if meshes else np.zeros((0, 4, 4))
     _, arrays = blender.ask(
         "render",
-        {"matrices": matrices, **({"sky": _panorama(sky)} if own_sky else {})},
+        {"matrices": matrices, "sky": _panorama(sky)},
         size=[view.width, view.height],
         border=None if border is None else [border.x, border.y, border.width, border.height],
         camera=_camera(camera),
@@ -157,7 +151,6 @@ def _ask(
         guides=shows == "guides",
         lamps=[_lamp(lamp) for lamp in lamps if movables or not lamp.movable],
         light=_light(scene, sky),
-        sky=_sky(scene, sky),
     )
     return arrays
 
@@ -263,8 +256,7 @@ class _Sender:
         lens = material.name in self._lenses
         key = f"material-{hash((material, lens, self._wet, snowy, *textures.values())) & (1 << 64) - 1:x}"
         if self._is_new(key, material):
-            # Both sides add up to 1 here, and the lit one is that of the raster engine.
-            values["translucency"] = material.light_through / 2
+            values["translucency"] = material.light_through
             self._blender.ask("material", key=key, lens=lens, wet=self._wet, snowy=snowy, **values)
         return key
 
@@ -305,26 +297,16 @@ def _camera(camera: Camera) -> CameraMessage:
 
 
 def _light(scene: Scene, sky: Sky) -> AirMessage:
-    """Return sun and air. The sun is always ours."""
+    """Return sun, air and distant ground."""
     return {
         "sun": sky.sun.tolist(),
         "toward_sun": sky.sun_direction.tolist(),
         "angular_diameter": scene.sun.angular_diameter,
         "extinction": float(sky.extinction @ LUMINANCE),
         "haze": sky.haze.tolist(),
+        "ground": sky.ground.tolist(),
         "wetness": sky.wetness,
         "snow_depth": sky.snow_depth,
-    }
-
-
-def _sky(scene: Scene, sky: Sky) -> SkyMessage:
-    """Return Blender's sky, scaled to our sky's irradiance on the ground."""
-    return {
-        "elevation": scene.sun.elevation,
-        "rotation": scene.sun.azimuth - scene.environment.bearing,
-        "dust": min(max(scene.environment.turbidity - 1.0, 0.0) * _DUST_PER_TURBIDITY, _MOST_DUST),
-        "irradiance": float(sky.sky_irradiance @ LUMINANCE),
-        "ground": sky.ground.tolist(),
     }
 
 

@@ -53,7 +53,7 @@ class PyrenderRenderer:
     """
 
     name: ClassVar[str] = "pyrender"
-    revision: ClassVar[int] = 6
+    revision: ClassVar[int] = 7
 
     def __init__(self) -> None:
         self._library = _import_pyrender()

@@ -65,7 +65,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 22
+    revision: ClassVar[int] = 23
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()

@@ -46,7 +46,7 @@ ANNOTATION_REVISIONS: Final = {
     AnnotationKind.NORMALS: 1,
     AnnotationKind.BOXES: 1,
     AnnotationKind.JOINTS: 2,
-    AnnotationKind.LIGHT: 5,
+    AnnotationKind.LIGHT: 6,
     AnnotationKind.FLOW: 1,
     AnnotationKind.VELOCITY: 1,
     AnnotationKind.SCAN: 1,

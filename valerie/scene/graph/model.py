@@ -45,8 +45,8 @@ class Texture:
     image: NDArray[np.uint8]
 
 
-#: `Material.translucency` of double-sided sheets that state none: leaf, cloth, paper.
-TRANSLUCENCY: Final = 0.35
+#: `Material.translucency` of double-sided sheets that state none: cloth, paper.
+TRANSLUCENCY: Final = 0.18
 
 
 #: Cells along each edge of `Rooms`.
@@ -101,8 +101,8 @@ class Material:
         traffic: share of the lying snow and leaves that wheels or feet remove where they have polished the surface, in [0, 1].
         soaks: share of the rain that sinks in, in [0, 1]: 0 for sealed ground, which mirrors, 1 for soil and grass.
         rooms: what a pane shows behind it; None for nothing. Engines without rooms show the base colour.
-        translucency: share t of the light on one side of a thin sheet that its other side shows, in the sheet's colour; the lit
-            side shows 1 − t / 2. None for that of paper and cloth if the sheet is double-sided, else 0.
+        translucency: share of the light scattered by a thin sheet that leaves it on the other side, in the sheet's colour. None
+            for that of paper and cloth if the sheet is double-sided, else 0.
     """
 
     name: str

@@ -8,75 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from .film import Film, float_image, write_floats
+from .film import float_image
 from .nodes import Nodes
 from .pipe import Message
 from .placing import matrix_of
-
-#: Width and height of the panorama that measures the sky, pixels.
-_SKY_SIZE = (64, 32)
-
-
-class SkyMeter:
-    """Measures the luminance of Blender's sky."""
-
-    def __init__(self, bpy: Any, film: Film) -> None:
-        self._bpy = bpy
-        self._film = film
-        self._skies: dict[tuple[float, float], float] = {}
-
-    def luminance(self, sky: Message) -> float:
-        """Return the luminance of a white Lambertian surface under Blender's sky at strength 1, measured in a panorama."""
-        key = (sky["elevation"], sky["dust"])
-        if key not in self._skies:
-            bpy = self._bpy
-            scene = bpy.data.scenes.new("sky")
-            world = bpy.data.worlds.new("sky")
-            World(world).show({**sky, "ground": [0.0, 0.0, 0.0]}, strength=1.0)
-            lens = bpy.data.cameras.new("sky")
-            lens.type, lens.panorama_type = "PANO", "EQUIRECTANGULAR"
-            camera = bpy.data.objects.new("sky", lens)
-            camera.rotation_euler = (math.pi / 2, 0.0, 0.0)
-            scene.collection.objects.link(camera)
-            scene.camera, scene.world = camera, world
-            scene.render.engine = "CYCLES"
-            scene.cycles.device = "CPU"
-            scene.cycles.samples, scene.cycles.use_denoising = 4, False
-            scene.cycles.use_adaptive_sampling = False
-            scene.render.resolution_x, scene.render.resolution_y = width, height = _SKY_SIZE
-            scene.render.resolution_percentage = 100
-            write_floats(scene)
-            try:
-                radiance = self._film.image(scene) @ np.array([0.2126, 0.7152, 0.0722])
-            finally:
-                for collection, thing in (
-                    (bpy.data.scenes, scene),
-                    (bpy.data.objects, camera),
-                    (bpy.data.cameras, lens),
-                    (bpy.data.worlds, world),
-                ):
-                    collection.remove(thing)
-            latitude = math.pi / 2 - (np.arange(height) + 0.5) / height * math.pi
-            weight = np.cos(latitude) * np.maximum(np.sin(latitude), 0) * (math.pi / height) * (2 * math.pi / width)
-            self._skies[key] = max(float((radiance * weight[:, None]).sum() / math.pi), 1e-12)
-        return self._skies[key]
 
 
 class BlenderLight:
     """The light of a scene."""
 
-    def __init__(self, data: Any, scene: Any, meter: SkyMeter) -> None:
+    def __init__(self, data: Any, scene: Any) -> None:
         self._data = data
         self._collection = scene.collection
-        self._meter = meter
         self._lamps: list[Message] = []
         self._sun = data.objects.new("sun", data.lights.new("sun", "SUN"))
         scene.collection.objects.link(self._sun)
         scene.world = data.worlds.new("world")
         self._world = World(scene.world)
 
-    def show(self, light: Message, sky: Message, panorama: Any) -> None:
-        """Light the scene with the sun, and with Blender's sky or a panorama."""
+    def show(self, light: Message, sky: Any) -> None:
+        """Light the scene with the sun and a sky, (H, W, 3), the zenith in the first row."""
         strength = max(light["sun"])
         lamp = self._sun.data
         # Energy 0 turns the sun off. Hiding the lamp and showing it again would change its place in Cycles' order, and with it
@@ -85,12 +36,7 @@ class BlenderLight:
         lamp.color = [value / strength for value in light["sun"]] if strength > 0 else (1.0, 1.0, 1.0)
         lamp.angle = light["angular_diameter"]
         self._sun.matrix_world = matrix_of(_shining_from(light["toward_sun"], (0.0, 0.0, 0.0)))
-        if panorama is not None:
-            self._world.show_panorama(self._data, sky, panorama)
-        else:
-            self._world.show(
-                sky, strength=sky["irradiance"] / self._meter.luminance(sky) if sky["irradiance"] > 0 else 0.0
-            )
+        self._world.show(self._data, sky, light["ground"])
 
     def lamps(self, entries: list[Message]) -> None:
         """Set the point and spot lights. If any differs, create all of them again, so that they keep the order of the list."""
@@ -120,36 +66,24 @@ class World:
 
     def __init__(self, world: Any) -> None:
         world.use_nodes = True
-        nodes = self._nodes = Nodes(world.node_tree)
-        self._panorama = nodes.add("ShaderNodeTexEnvironment")
-        self._sky = nodes.add("ShaderNodeTexSky")
-        self._sky.sky_type, self._sky.sun_disc = "NISHITA", False
-        self._above = nodes.add("ShaderNodeBackground")
+        nodes = Nodes(world.node_tree)
+        self._sky = nodes.add("ShaderNodeTexEnvironment")
+        above = nodes.add("ShaderNodeBackground")
         self._below = nodes.add("ShaderNodeBackground")
+        nodes.link(self._sky.outputs["Color"], above.inputs["Color"])
         place = nodes.add("ShaderNodeTexCoord")
         parts = nodes.add("ShaderNodeSeparateXYZ")
         nodes.link(place.outputs["Generated"], parts.inputs[0])
         down = nodes.math("LESS_THAN", parts.outputs["Z"], 0.0)
-        surface = nodes.mixed(down, self._above.outputs[0], self._below.outputs[0])
+        surface = nodes.mixed(down, above.outputs[0], self._below.outputs[0])
         nodes.link(surface, nodes.add("ShaderNodeOutputWorld").inputs["Surface"])
 
-    def show(self, sky: Message, strength: float) -> None:
-        """Show Blender's sky times ``strength``; the sun stands ``rotation`` radians clockwise from +y."""
-        self._sky.sun_elevation, self._sky.sun_rotation = sky["elevation"], sky["rotation"] % (2 * math.pi)
-        self._sky.dust_density = sky["dust"]
-        self._nodes.link(self._sky.outputs["Color"], self._above.inputs["Color"])
-        self._above.inputs["Strength"].default_value = strength
-        self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
-
-    def show_panorama(self, data: Any, sky: Message, panorama: Any) -> None:
-        """Show the sky of an equirectangular image, (H, W, 3), zenith in the first row."""
-        old, image = self._panorama.image, float_image(data, "sky", panorama)
-        self._panorama.image = image
+    def show(self, data: Any, sky: Any, ground: list[float]) -> None:
+        """Show an equirectangular image of the sky, (H, W, 3), the zenith in the first row, and the radiance of the ground."""
+        old, self._sky.image = self._sky.image, float_image(data, "sky", sky)
         if old is not None:
             data.images.remove(old)
-        self._nodes.link(self._panorama.outputs["Color"], self._above.inputs["Color"])
-        self._above.inputs["Strength"].default_value = 1.0
-        self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
+        self._below.inputs["Color"].default_value = (*ground, 1.0)
 
 
 def _shining_from(toward: Any, position: Any) -> Any:

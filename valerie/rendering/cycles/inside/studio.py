@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .film import Film, take_threads, write_floats
-from .light import BlenderLight, SkyMeter
+from .light import BlenderLight
 from .materials import Materials
 from .pipe import ByName, Message, Pipe
 from .placing import matrix_of
@@ -28,7 +28,6 @@ class Studio:
         self._bpy = bpy
         self._pipe = pipe
         self._film = Film(bpy, folder)
-        self._meter = SkyMeter(bpy, self._film)
 
     def hello(self, header: Message, arrays: ByName) -> tuple[Message, ByName]:
         """Choose the device and report it. Keep the constants and reliefs of surfaces: of snow (four) and of water (three)."""
@@ -100,7 +99,7 @@ class Studio:
         self._objects_at(header["objects"], arrays["matrices"])
         camera = header["camera"]
         pixel = camera["sensor_width_mm"] / (camera["focal_length_mm"] * header["size"][0])
-        self._light_at(header["light"], header["sky"], arrays.get("sky"), pixel)
+        self._light_at(header["light"], arrays["sky"], pixel)
         self._light.lamps(header["lamps"])
         if header.get("index"):
             return {}, {"index": self._film.index(self._scene)}
@@ -149,7 +148,7 @@ class Studio:
         self._camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
         scene.collection.objects.link(self._camera)
         scene.camera = self._camera
-        self._light = BlenderLight(bpy.data, scene, self._meter)
+        self._light = BlenderLight(bpy.data, scene)
 
     def _settings(self, settings: Message, size: list[int], border: list[int] | None) -> None:
         render, cycles = self._scene.render, self._scene.cycles
@@ -222,9 +221,9 @@ class Studio:
             thing.matrix_world = matrix_of(matrix)
             self._objects[name] = (thing, state)
 
-    def _light_at(self, light: Message, sky: Message, panorama: Any, pixel: float) -> None:
-        state = (light, sky, pixel, None if panorama is None else panorama.tobytes())
+    def _light_at(self, light: Message, sky: Any, pixel: float) -> None:
+        state = (light, pixel, sky.tobytes())
         if self._lighting != state:
-            self._light.show(light, sky, panorama)
+            self._light.show(light, sky)
             self._materials.show(light, pixel)
             self._lighting = state

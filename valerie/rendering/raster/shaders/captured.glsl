@@ -6,6 +6,7 @@ uniform float panorama_known;       // 0 while it is being taken
 const int CAPTURED_STEPS = 11;
 const float CAPTURED_FIRST = 0.4;   // length of the first step, metres
 const float CAPTURED_GROWTH = 1.7;  // of each further step
+const float OF_SKY = 1e-3;          // inverse distance of the sky in the map, 1/m
 const float FARTHEST = 300.0;       // of what hides the sky for certain, metres
 
 vec2 panorama_place(vec3 d) {
@@ -22,7 +23,7 @@ vec3 captured(vec3 p, vec3 r, vec3 beyond, float blur, bool wanted) {
     int i = 0, steps = wanted ? CAPTURED_STEPS : 1;
     do {
         vec3 x = from + along * r;
-        float gap = length(x) - 1.0 / max(textureLod(panorama, vec3(panorama_place(x), 0.0), 0.0).a, 1e-3);
+        float gap = length(x) - 1.0 / max(textureLod(panorama, vec3(panorama_place(x), 0.0), 0.0).a, OF_SKY);
         float span = along - passed;
         bool met = hit < 0.0 && gap > 0.15 + 0.02 * length(x) && gap < 1.5 + span;
         // The surface lies where the gap would be zero.

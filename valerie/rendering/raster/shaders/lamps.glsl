@@ -76,8 +76,8 @@ vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0,
         float along = -dot(l, axis.xyz) - axis.w;
         float cosine = dot(normal, l), face_cosine = dot(face, l);
         float front = max(cosine, 0.0) * smoothstep(0.0, 0.08, face_cosine);
-        float behind = translucency * max(-cosine, 0.0);
-        if (window < 1.0 && along > 0.0 && front + behind > 0.0) {
+        float diffused = mix(front, max(-cosine, 0.0), translucency);
+        if (window < 1.0 && along > 0.0 && front + diffused > 0.0) {
             vec4 strength = texelFetch(lamp_table, ivec2(2, k), 0), shadow = texelFetch(lamp_table, ivec2(3, k), 0);
             float spot = min(along * strength.w, 1.0), ends = 1.0 - window * window;
             float visibility = lamp_visibility(p, face, int(shadow.x), shadow.y, turn);
@@ -90,7 +90,7 @@ vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0,
             float nh = max(dot(normal, h), 0.0), lobe = nh * nh * (alpha * alpha - 1.0) + 1.0;
             float v = 0.5 / mix(2.0 * max(cosine, 0.0) * facing, max(cosine, 0.0) + facing, alpha);
             vec3 fresnel = f0 + (1.0 - f0) * pow(1.0 - max(dot(view, h), 0.0), 5.0);
-            sum += diffuse * light * (front * (1.0 - 0.5 * translucency) + behind);
+            sum += diffuse * light * diffused;
             sum += fresnel * light * (front * v * alpha * alpha / (lobe * lobe));
         }
     } while (++k < lamp_count);

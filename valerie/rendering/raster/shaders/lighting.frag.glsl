@@ -282,7 +282,7 @@ void main() {
 #endif
 #if defined(SNOW) || defined(LEAVES)
     // Nothing lies on movables, which are in front of the statics.
-    bool is_static = texelFetch(mirror_depth, s, 0).r - texelFetch(depth_map, s, 0).r < 3e-7 && !sample_is_sky;
+    bool is_static = texelFetch(mirror_depth, s, 0).r - texelFetch(depth_map, s, 0).r < ROUNDED_DEPTH && !sample_is_sky;
     float traffic = texelFetch(material_table, ivec2(4, row), 0).a;
 #endif
 #ifdef SNOW
@@ -346,9 +346,9 @@ void main() {
 
     // Sun. A face turned away gets none, whatever its normal map says. Thin sheets transmit a share.
     float front = max(cosine, 0.0) * smoothstep(0.0, 0.08, face_cosine);
-    float behind = translucency * max(-cosine, 0.0);
-    float lit = sunlit(p, face, depth, front + behind > 0.0);
-    vec3 color = diffuse * sun * (lit * (front * (1.0 - 0.5 * translucency) + behind));
+    float behind = max(-cosine, 0.0);
+    float lit = sunlit(p, face, depth, front + translucency * behind > 0.0);
+    vec3 color = diffuse * sun * (lit * mix(front, behind, translucency));
     vec3 h = normalize(view + toward_sun);
     float nh = max(dot(normal, h), 0.0);
     float alpha = max(roughness * roughness, 0.01);
@@ -369,7 +369,7 @@ void main() {
 #endif
     vec3 zonal = texelFetch(skylight_zonal, pixel, 0).rgb;
     vec3 ambient = skylight(red, green, blue, zonal, normal), ambient_behind = skylight(red, green, blue, zonal, -normal);
-    vec3 skylit = diffuse * ambient_open * mix(ambient, ambient_behind, 0.5 * translucency);
+    vec3 skylit = diffuse * ambient_open * mix(ambient, ambient_behind, translucency);
 #ifdef SNOW
     // Light that went far through snow is blue.
     skylit *= mix(vec3(1.0), SNOW_DEPTHS, snow.cover * (1.0 - snow.dirt));

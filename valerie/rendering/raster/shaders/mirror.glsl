@@ -139,7 +139,7 @@ ivec2 movable_sample(vec2 screen) {
 // Depth of the movable at a place of the image.
 float movable_depth(ivec2 place) {
     float window = texelFetch(depth_map, place, 0).r;
-    return texelFetch(mirror_depth, place, 0).r - window < 3e-7 ? NO_MOVABLE : linear_depth(window);
+    return texelFetch(mirror_depth, place, 0).r - window < ROUNDED_DEPTH ? NO_MOVABLE : linear_depth(window);
 }
 
 // Radiance of the movables in a level mirror at p, seen from direction d, and their share of what is seen there. Only what is met

@@ -48,7 +48,7 @@ void main() {
     vec4 h = vec4(place + normal * 0.12, 1.0);
 #ifdef MOVABLES
     // Only movables are covered: this bounds the layer's rectangle.
-    bool moves = texelFetch(mirror_depth, s, 0).r - window >= 3e-7;
+    bool moves = texelFetch(mirror_depth, s, 0).r - window >= ROUNDED_DEPTH;
 #endif
     vec2 tile_pixels = vec2(textureSize(atlas, 0) / tiles);
     vec2 atlas_scale = 1.0 / vec2(textureSize(atlas, 0));

@@ -5,6 +5,9 @@ uniform vec2 near_far;
 uniform vec3 eye;
 uniform mat3 ray_basis;        // columns: right and up at the image's edge, forward, at depth 1
 
+// Window depths of the same surface differ by less between the passes with and without the movables.
+const float ROUNDED_DEPTH = 3e-7;
+
 float linear_depth(float window) {
     // 1 − window has no rounding error.
     return near_far.x * near_far.y / (near_far.x * window + near_far.y * (1.0 - window));
