@@ -20,8 +20,9 @@ LIGHTS: Final = "KHR_lights_punctual"
 SPECULAR: Final = "KHR_materials_specular"
 EMISSIVE_STRENGTH: Final = "KHR_materials_emissive_strength"
 TRANSMISSION: Final = "KHR_materials_transmission"
+DIFFUSE_TRANSMISSION: Final = "KHR_materials_diffuse_transmission"
 #: Extensions that a file may require.
-SUPPORTED_EXTENSIONS: Final = frozenset({LIGHTS, SPECULAR, EMISSIVE_STRENGTH, TRANSMISSION})
+SUPPORTED_EXTENSIONS: Final = frozenset({LIGHTS, SPECULAR, EMISSIVE_STRENGTH, TRANSMISSION, DIFFUSE_TRANSMISSION})
 
 #: Limits, checked before anything of that size is allocated.
 MAX_NODES: Final = 100_000

@@ -11,7 +11,14 @@ import pygltflib
 
 from valerie.errors import InvalidInput
 from valerie.plain import JsonObject
-from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, TRANSMISSION, own_extras
+from valerie.scene.gltf.common import (
+    DIFFUSE_TRANSMISSION,
+    EMISSIVE_STRENGTH,
+    EXTRAS_KEY,
+    SPECULAR,
+    TRANSMISSION,
+    own_extras,
+)
 from valerie.scene.graph.model import Material, Rooms
 
 TextureIndex = Callable[[str], int]
@@ -111,8 +118,11 @@ def read_material(
     extras = own_extras(source.extras)
     specular = extensions.get(SPECULAR) or {}
     panes = extensions.get(TRANSMISSION) or {}
+    sheets = extensions.get(DIFFUSE_TRANSMISSION) or {}
     if panes.get("transmissionTexture") is not None:
         notes.append(f"material {name}: its transmission texture is ignored")
+    if any(key != "diffuseTransmissionFactor" for key in sheets):
+        notes.append(f"material {name}: textures and colour of its diffuse transmission are ignored")
     strength = _one((extensions.get(EMISSIVE_STRENGTH) or {}).get("emissiveStrength"), 1.0)
     emissive = (
         [strength * c for c in _three(source.emissiveFactor, 0.0)] if source.emissiveTexture is None else [0.0] * 3
@@ -138,7 +148,9 @@ def read_material(
         transmission=share("transmission", _one(panes.get("transmissionFactor"), 0.0)),
         traffic=share("traffic", 0.0),
         soaks=share("soaks", 0.0),
-        translucency=share("translucency", 0.0) if "translucency" in extras else None,
+        translucency=share("translucency", _one(sheets.get("diffuseTransmissionFactor"), 0.0))
+        if sheets or "translucency" in extras
+        else None,
         rooms=_rooms(extras.get("rooms"), name, texture_name),
         signal=extras.get("signal") is True,
     )

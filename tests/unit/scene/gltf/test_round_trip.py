@@ -402,6 +402,18 @@ def test_the_transmission_that_others_write_is_read(written: Path) -> None:
     assert f"material {name}: its transmission texture is ignored" in part.notes
 
 
+def test_the_diffuse_transmission_that_others_write_is_read(written: Path) -> None:
+    document, binary = chunks_of(written)
+    name = document["materials"][0]["name"]
+    document["materials"][0].setdefault("extensions", {})["KHR_materials_diffuse_transmission"] = {
+        "diffuseTransmissionFactor": 0.4, "diffuseTransmissionColorFactor": [0.5, 0.9, 0.1],
+    }  # fmt: skip
+    document["extensionsRequired"] = ["KHR_materials_diffuse_transmission"]
+    part = read_gltf(embedded(written, document, binary))
+    assert part.materials[name].translucency == 0.4
+    assert f"material {name}: textures and colour of its diffuse transmission are ignored" in part.notes
+
+
 def test_lines_are_left_out_and_noted(written: Path) -> None:
     document, binary = chunks_of(written)
     document["meshes"][0]["primitives"][0]["mode"] = 1
