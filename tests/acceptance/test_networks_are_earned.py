@@ -98,7 +98,6 @@ def test_pooled_person_iou_is_at_least_forty_percent(seen: list[tuple[Pair, np.n
     matrices: list[ConfusionMatrix] = [confusion_matrix(pair.truth, labels) for pair, labels, _ in seen]
     iou = frame_scores(pooled(matrices)).iou
     assert iou is not None
-    print("IOU", iou)
     assert iou >= 0.4
 
 
@@ -111,7 +110,6 @@ def test_removing_the_people_removes_what_was_seen_inside_their_masks(
         before += int((with_people[mask] == PERSON.train_id).sum())
         after += int((empty[mask] == PERSON.train_id).sum())
     assert before > 0
-    print("AFTER", after / before)
     assert after <= 0.1 * before
 
 

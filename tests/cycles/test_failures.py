@@ -27,8 +27,10 @@ VIEW = View("camera-1", 96, 54)
 
 
 @pytest.fixture
-def own(deployment: Settings) -> Iterator[BlenderHolder]:
-    blenders = BlenderHolder(deployment.model_copy(update={"cycles_silence_seconds": 30.0}))
+def own(deployment: Settings, request: pytest.FixtureRequest) -> Iterator[BlenderHolder]:
+    # Patience on a machine that does other things too.
+    silence = getattr(request, "param", 120.0)
+    blenders = BlenderHolder(deployment.model_copy(update={"cycles_silence_seconds": silence}))
     yield blenders
     blenders.close()
 
@@ -63,9 +65,10 @@ def test_a_killed_blender_is_a_transient_error_and_the_next_image_is_right(own: 
     assert own.get().pid != pid
 
 
+@pytest.mark.parametrize("own", [10.0], indirect=True)
 def test_a_stopped_blender_counts_as_hung_and_is_ended(own: BlenderHolder) -> None:
     pid = in_the_middle(own, signal.SIGSTOP)
-    with pytest.raises(TransientError, match="no sign of life for 30 s"):
+    with pytest.raises(TransientError, match="no sign of life for 10 s"):
         endless(own).background(SCENE, VIEW)
     assert not psutil.pid_exists(pid)
 
@@ -79,14 +82,14 @@ def test_blender_gives_signs_of_life_while_it_renders_for_long(
         received = receive(wire, size)
         if b'"alive"' in received:
             signs.append(received)
-            if len(signs) == 3:
+            if len(signs) == 2:
                 os.kill(pid, signal.SIGKILL)
         return received
 
     monkeypatch.setattr(Wire, "receive", counting)
     with pytest.raises(TransientError, match="ended in the middle"):
         endless(own).background(SCENE, VIEW)
-    assert len(signs) >= 3  # the one that ends Blender, above
+    assert len(signs) >= 2  # the one that ends Blender, above
 
 
 def test_a_request_that_cycles_refuses_is_a_permanent_error_and_blender_goes_on(own: BlenderHolder) -> None:

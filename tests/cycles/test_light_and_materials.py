@@ -471,6 +471,23 @@ def test_lying_snow_covers_its_share_of_the_ground_and_no_movable(cycles: Cycles
     assert snowy(0.5, movable=True) < 0.05 * whole
 
 
+def test_fallen_leaves_are_those_of_the_raster_engine(holder: BlenderHolder, raster: RasterRenderer) -> None:
+    low = Camera("scene.camera-1", camera_transform((0.6, 0.4, 1.5), 0, -90, 0), focal_length_mm=24.0)
+    grey = Material("ground", (0.3, 0.3, 0.3), roughness=0.9)
+    board = Node("scene.car-1", place(1.0, 0.4), (box_mesh((-0.3, -0.3, 0), (0.3, 0.3, 0.02), "ground"),), movable=True)
+    scene = ground(grey, sun=Sun(0.4, math.radians(40)), extra=(board,), cameras={"camera-1": low})
+    scene = replace(scene, environment=Environment(cloud_cover=1.0, leaf_litter=0.4))
+    cycles = CyclesRenderer(CyclesSettings(samples=16, denoise=False), holder)
+    view = View("camera-1", 192, 108)
+    ours, theirs = (engine.full(scene, view).pixels.astype(np.float64) for engine in (cycles, raster))
+    # Leaves are yellow to brown, the ground is grey. At their edges, the engines filter differently.
+    leaves, other = (pixels[..., 2] < 0.6 * pixels[..., 0] for pixels in (ours, theirs))
+    assert 0.3 < leaves.mean() < 0.5
+    assert (leaves != other).mean() < 0.03
+    assert not (leaves | other)[40:68, 126:154].any()  # the board
+    assert ours.mean(axis=(0, 1)) == pytest.approx(theirs.mean(axis=(0, 1)), rel=ENGINES)
+
+
 def test_snow_lies_in_the_raster_engines_patches(holder: BlenderHolder, raster: RasterRenderer) -> None:
     black = Material("ground", (0.0, 0.0, 0.0), roughness=1.0, specular=0.0)
     scene = ground(black, sun=Sun(0.0, math.radians(40)))

@@ -95,7 +95,7 @@ def test_no_request_breaks_the_server_and_every_answer_is_as_documented(
     ):
         return  # nothing of it can be wrong
 
-    @settings(max_examples=20, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=8, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
     @given(case=operation.as_strategy(generation_mode=mode))
     def holds(case: Any) -> None:
         case.validate_response(case.call(), checks=CHECKS)

@@ -216,10 +216,11 @@ def test_a_colour_repaints_one_car_alone(asset: SceneAsset) -> None:
 
 
 def test_parked_cars_declare_the_paint_that_they_have(asset: SceneAsset) -> None:
-    for definition in MANIFEST.parameters:
-        if definition.path.endswith(".colour") and "101" not in definition.path:
-            entry = next(entry for entry in traverse(asset) if entry.path == definition.path)
-            assert entry.value == definition.default
+    values = {entry.path: entry.value for entry in traverse(asset)}
+    colours = (definition for definition in MANIFEST.parameters if definition.path.endswith(".colour"))
+    painted = {definition.path: definition.default for definition in colours if "101" not in definition.path}
+    assert painted
+    assert {path: values[path] for path in painted} == painted
 
 
 def test_a_door_opens(asset: SceneAsset) -> None:

@@ -1,4 +1,4 @@
-"""Constants of what every engine shows on and behind surfaces: rooms behind panes, rain water, lying snow.
+"""Constants of what every engine shows on and behind surfaces: rooms behind panes, rain water, lying snow, fallen leaves.
 
 Shaders of the raster engine get them as GLSL constants of the same names, Blender as a message. Both have the formulas.
 """
@@ -89,9 +89,24 @@ CONSTANTS: Final[Mapping[str, Constant]] = {
     "SNOW_SLUSH": (0.36, 0.34, 0.32),
     "SNOW_ROUGHNESS": 0.8,
     "SNOW_SPECULAR": 0.5,
+    # Upward component of the normals on which leaves lie; shares that traffic takes everywhere and from tracks; roughness of
+    # tracks (from, to).
+    "LEAVES_LIE": (0.8, 0.95),
+    "LEAVES_TAKEN": (0.5, 0.8),
+    "LEAVES_TRACK": (0.79, 0.87),
+    # Length of patches and of decay; edge of the cells of the first layer, and its growth with each layer; their turn likewise.
+    "LEAVES_PATCH": 2.3,
+    "LEAVES_DECAY": 0.025,
+    "LEAVES_CELL": (0.12, 0.02),
+    "LEAVES_TURN": (0.4, 0.7),
+    "LEAVES_YELLOW": (0.42, 0.27, 0.045),
+    "LEAVES_RUST": (0.26, 0.105, 0.03),
+    "LEAVES_BROWN": (0.115, 0.065, 0.03),
+    "LEAVES_ROUGHNESS": 0.7,
 }
-#: Layers of random relief (``relief.glsl``): of snow, from long to short, and of water, from broad to fine.
-RELIEF_LAYERS: Final = (0, 1, 2, 3, 40, 41, 42)
+#: Layers of random relief (``relief.glsl``): of snow, from long to short, of water, from broad to fine, of patches of leaves and
+#: of the decay in their layers.
+RELIEF_LAYERS: Final = (0, 1, 2, 3, 40, 41, 42, 30, 20, 21, 22, 23)
 #: Cells along each edge of `relief_corners`.
 _CELLS: Final = 512
 

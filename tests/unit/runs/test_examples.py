@@ -1,3 +1,4 @@
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from valerie.scene.legality.ground import ground_height
 FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
 
 
+@cache
 def planned(text: str) -> Plan:
     spec = parse(text)
     manifest, digest = asset_manifest(spec.asset)

@@ -1,16 +1,15 @@
-"""The declaration of the engine ``cycles``: everything but fallen leaves."""
+"""The declaration of the engine ``cycles``."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from valerie.rendering.cycles.settings import CyclesSettings
-from valerie.rendering.engine import EVERYTHING, Ability, Engine
+from valerie.rendering.engine import Engine
 
 ENGINE: Final = Engine(
     "valerie.rendering.cycles.renderer:CyclesRenderer",
     settings=CyclesSettings,
-    shows=EVERYTHING - {Ability.LEAVES},
     draft={"samples": 8, "denoise": True},
     install_hint="`make cycles` installs it",
 )

@@ -18,7 +18,7 @@ class CameraMessage(TypedDict):
 class AirMessage(TypedDict):
     """Sun, air and ground, in the unit of the linear image: irradiance of the sun, radiance of haze and of the distant ground.
 
-    The angle of the sun is in radians, extinction per metre, wetness 0 … 1, the depth of snow in metres.
+    The angle of the sun is in radians, extinction per metre, the depth of snow in metres, wetness and leaf litter 0 … 1.
     """
 
     sun: list[float]
@@ -29,6 +29,7 @@ class AirMessage(TypedDict):
     ground: list[float]
     wetness: float
     snow_depth: float
+    leaf_litter: float
 
 
 class BeamMessage(TypedDict):

@@ -135,7 +135,7 @@ def _ask(
     lamps, scene, unlit = lit_lamps(scene, sky), glowing(scene, sky), scene
     lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
     scene = with_lit_rooms(keeping_hue(scene, sky), sky)
-    sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0, snowy=sky.snow_depth > 0.0)
+    sender = _Sender(blender, scene, lenses, sky)
     meshes = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
     sender.forget_unused()
     matrices = np.stack([mesh.world for mesh in meshes]) if meshes else np.zeros((0, 4, 4))
@@ -172,24 +172,14 @@ class _Sender:
 
     Args:
         lenses: names of materials that glow because a lamp is on. The lamp emits their light.
-        wet: True if water lies on surfaces that face up.
-        snowy: True if snow lies on static surfaces that face up.
+        sky: what lies on surfaces that face up.
     """
 
-    def __init__(
-        self,
-        blender: BlenderProcess,
-        scene: Scene,
-        lenses: Set[str] = frozenset(),
-        *,
-        wet: bool = False,
-        snowy: bool = False,
-    ) -> None:
+    def __init__(self, blender: BlenderProcess, scene: Scene, lenses: Set[str], sky: Sky) -> None:
         self._blender = blender
         self._scene = scene
         self._lenses = lenses
-        self._wet = wet
-        self._snowy = snowy
+        self._sky = sky
         self._used: set[str] = set()
 
     def placed(self, item: DrawItem, place: int) -> list[_Placed]:
@@ -198,8 +188,7 @@ class _Sender:
         for i, mesh in enumerate(item.meshes):
             if not mesh.faces.size:
                 continue
-            snowy = self._snowy and not item.node.movable
-            material = self._material(material_of(self._scene, mesh, item.node.path), snowy=snowy)
+            material = self._material(material_of(self._scene, mesh, item.node.path), static=not item.node.movable)
             key, world = self._mesh(mesh, item.world)
             meshes.append(_Placed(f"{item.node.path}#{i}", key, material, world, place))
         return meshes
@@ -241,7 +230,7 @@ class _Sender:
             arrays |= _cell_sides(positions, mesh)
         self._blender.ask("mesh", arrays, key=key)
 
-    def _material(self, material: Material, *, snowy: bool) -> str:
+    def _material(self, material: Material, *, static: bool) -> str:
         rooms = material.rooms
         textures = {
             "base_color_texture": self._texture(material.base_color_texture if rooms is None else None, color=True),
@@ -254,10 +243,15 @@ class _Sender:
             pictures = self._texture(rooms.texture, color=False)
             values["rooms"] = {**asdict(rooms), "texture": pictures, "cells": ROOM_CELLS}
         lens = material.name in self._lenses
-        key = f"material-{hash((material, lens, self._wet, snowy, *textures.values())) & (1 << 64) - 1:x}"
+        covers = {
+            "strewn": static and self._sky.leaf_litter > 0.0 and material.light_through == 0.0,
+            "wet": self._sky.wetness > 0.0,
+            "snowy": static and self._sky.snow_depth > 0.0,
+        }
+        key = f"material-{hash((material, lens, *covers.values(), *textures.values())) & (1 << 64) - 1:x}"
         if self._is_new(key, material):
-            values["translucency"] = material.light_through
-            self._blender.ask("material", key=key, lens=lens, wet=self._wet, snowy=snowy, **values)
+            values |= covers | {"translucency": material.light_through}
+            self._blender.ask("material", key=key, lens=lens, **values)
         return key
 
     def _texture(self, name: str | None, *, color: bool) -> str | None:
@@ -307,6 +301,7 @@ def _light(scene: Scene, sky: Sky) -> AirMessage:
         "ground": sky.ground.tolist(),
         "wetness": sky.wetness,
         "snow_depth": sky.snow_depth,
+        "leaf_litter": sky.leaf_litter,
     }
 
 

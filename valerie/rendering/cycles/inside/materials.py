@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .leaves import leaves_group
 from .nodes import Nodes, new_group
 from .pipe import ByName, Message
 from .rooms import behind_pane
@@ -17,10 +18,11 @@ from .water import SURFACE, water_group
 
 
 class Materials:
-    """Blender's materials and textures, with the air, the water and the snow that all materials share.
+    """Blender's materials and textures, with the air, the water, the leaves and the snow that all materials share.
 
     Args:
-        reliefs, constants: see `Studio.hello`.
+        reliefs: corners of random relief, (layers, H, W, 4) uint8: four of snow, three of water, five of leaves.
+        constants: `valerie.rendering.surface_constants.CONSTANTS`.
     """
 
     def __init__(self, data: Any, reliefs: Any, constants: Message) -> None:
@@ -30,8 +32,9 @@ class Materials:
         self._textures: ByName = {}
         images = [byte_image(data, f"relief-{i}", corners, "Non-Color") for i, corners in enumerate(reliefs)]
         self._air: Any = _air_group(data)
-        self._water: Any = water_group(data, images[4:], constants)
         self._snow: Any = snow_group(data, images[:4], constants)
+        self._water: Any = water_group(data, images[4:7], constants)
+        self._leaves: Any = leaves_group(data, images[7:], constants)
 
     def __getitem__(self, key: str) -> Any:
         return self._materials[key]
@@ -44,10 +47,11 @@ class Materials:
             self._data.images.remove(self._textures.pop(key))
 
     def show(self, light: Message, pixel: float) -> None:
-        """Apply the water, the snow and the air of ``light`` to all materials. ``pixel`` is a pixel's size at 1 m, in metres."""
-        for cover in (self._water, self._snow):
+        """Apply cover and air of ``light`` to all materials; ``pixel`` is a pixel's size at 1 m, in metres."""
+        for cover in (self._leaves, self._water, self._snow):
             cover.nodes["pixel"].outputs[0].default_value = pixel
         self._snow.nodes["depth"].outputs[0].default_value = light["snow_depth"]
+        self._leaves.nodes["litter"].outputs[0].default_value = light["leaf_litter"]
         self._water.nodes["wetness"].outputs[0].default_value = light["wetness"]
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
@@ -150,8 +154,9 @@ class Materials:
         nodes.link(color.output, principled.inputs["Base Color"])
 
     def _cover(self, nodes: Nodes, principled: Any, header: Message) -> None:
-        """Cover a surface with the water and then with the snow that lie on it."""
-        trees = [tree for covered, tree in ((header["wet"], self._water), (header["snowy"], self._snow)) if covered]
+        """Cover a surface with the leaves, then the water, then the snow that lie on it."""
+        lying = (("strewn", self._leaves), ("wet", self._water), ("snowy", self._snow))
+        trees = [tree for covered, tree in lying if header[covered]]
         if trees and not principled.inputs["Normal"].is_linked:
             nodes.link(nodes.add("ShaderNodeNewGeometry").outputs["Normal"], principled.inputs["Normal"])
         covers = []

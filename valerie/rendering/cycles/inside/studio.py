@@ -30,7 +30,7 @@ class Studio:
         self._film = Film(bpy, folder)
 
     def hello(self, header: Message, arrays: ByName) -> tuple[Message, ByName]:
-        """Choose the device and report it. Keep the constants and reliefs of surfaces: of snow (four) and of water (three)."""
+        """Choose the device and report it. Keep the constants and reliefs of surfaces, as many as `Materials` uses."""
         self._threads = int(header["threads"])
         self._choice = str(header["device"]).upper()
         self._constants, self._reliefs = header["constants"], arrays["reliefs"]

@@ -84,11 +84,18 @@ class Grain:
         facing = Term(nodes, geometry["Normal"]).dot(geometry["Incoming"]).of("ABSOLUTE").of("MAXIMUM", 0.05)
         depth = Term(nodes, nodes.add("ShaderNodeCameraData").outputs["View Z Depth"]).of("ABSOLUTE")
         # A pixel at a depth of 1 m.
-        self._length: Term = depth * nodes.add("ShaderNodeValue", "pixel").outputs[0] / facing
+        self.length: Term = depth * nodes.add("ShaderNodeValue", "pixel").outputs[0] / facing
 
     def seen(self, length: float) -> Term:
         """Return the share of details of a length, in metres, that shows."""
-        return 1.0 - self._length.step(0.25 * length, length)
+        return 1.0 - self.length.step(0.25 * length, length)
+
+
+def random_of(nodes: Nodes, cell: Term) -> Term:
+    """Return the raster engine's random number of a cell, a vector of whole numbers (``lighting.frag.glsl``)."""
+    p = (cell * (0.1031, 0.1030, 0.0973)).of("FRACTION")
+    p = p + p.dot(vector(nodes, p.y, p.z, p.x) + 33.33)
+    return ((p.x + p.y) * p.z).of("FRACT")
 
 
 def relief(nodes: Nodes, image: Any, position: Term, lengths: Any) -> tuple[Term, Term]:

@@ -290,13 +290,13 @@ void main() {
     snow.cover = is_static ? snow.cover : 0.0;
 #endif
 #ifdef LEAVES
-    float strewn = is_static && translucency == 0.0 ? leaf_litter * smoothstep(0.8, 0.95, face.z) : 0.0;
+    float strewn = is_static && translucency == 0.0 ? leaf_litter * smoothstep(LEAVES_LIE.x, LEAVES_LIE.y, face.z) : 0.0;
     // Wind and feet gather leaves in patches.
-    strewn *= (1.0 - 0.5 * traffic) * (1.0 - 0.8 * swept(traffic, roughness, albedo));
+    strewn *= (1.0 - LEAVES_TAKEN.x * traffic) * (1.0 - LEAVES_TAKEN.y * swept(traffic, roughness, albedo));
     if (strewn > 0.0) {
-        vec4 litter = leaves_at(p, clamp(strewn * 2.0 * relief(p.xy / 2.3, 30.0).x, 0.0, 1.0), grain);
+        vec4 litter = leaves_at(p, clamp(strewn * 2.0 * relief(p.xy / LEAVES_PATCH, 30.0).x, 0.0, 1.0), grain);
         albedo = mix(albedo, litter.rgb, litter.a);
-        roughness = mix(roughness, 0.7, litter.a);
+        roughness = mix(roughness, LEAVES_ROUGHNESS, litter.a);
         metallic *= 1.0 - litter.a;
         normal = normalize(mix(normal, face, 0.7 * litter.a));
     }

@@ -5,7 +5,7 @@ uniform float leaf_litter;          // covered share of level ground
 #ifdef LEAVES
 // Share of the leaves on a surface that wheels and feet remove: where they have polished it. Markings are smooth too, but bright.
 float swept(float traffic, float roughness, vec3 albedo) {
-    return traffic * (1.0 - smoothstep(0.79, 0.87, roughness)) * (1.0 - smoothstep(SNOW_MARKING.x, SNOW_MARKING.y, albedo.g));
+    return traffic * (1.0 - smoothstep(LEAVES_TRACK.x, LEAVES_TRACK.y, roughness)) * (1.0 - smoothstep(SNOW_MARKING.x, SNOW_MARKING.y, albedo.g));
 }
 #endif
 
@@ -73,12 +73,11 @@ Snow snow_at(vec3 p, vec3 face, float open, float traffic, float roughness, vec3
 #ifdef LEAVES
 // Leaves at a place: their colour, and the share that they hide. Each cell of a layer holds at most one leaf.
 vec4 leaves_at(vec3 p, float cover, float grain) {
-    const vec3 YELLOW = vec3(0.42, 0.27, 0.045), RUST = vec3(0.26, 0.105, 0.03), BROWN = vec3(0.115, 0.065, 0.03);
     vec4 leaves = vec4(0.0);
     // A leaf fills a quarter of its cell. Four layers with this chance of a leaf hide ``cover`` together.
     float chance = min((1.0 - pow(1.0 - cover, 0.25)) / 0.25, 1.0);
     for (int i = 0; i < 4; ++i) {
-        float layer = float(i), side = 0.12 + 0.02 * layer, turn = 0.4 + 0.7 * layer;
+        float layer = float(i), side = LEAVES_CELL.x + LEAVES_CELL.y * layer, turn = LEAVES_TURN.x + LEAVES_TURN.y * layer;
         vec2 at = mat2(cos(turn), sin(turn), -sin(turn), cos(turn)) * p.xy / side;
         vec3 cell = vec3(floor(at), layer);
         float angle = 6.2831853 * random_of(cell + 3.0), kind = random_of(cell + 5.0), tone = random_of(cell + 7.0);
@@ -90,13 +89,13 @@ vec4 leaves_at(vec3 p, float cover, float grain) {
         float soft = clamp(0.5 * grain / side, 0.02, 0.08);    // wider borders would enlarge the leaf
         float inside = (1.0 - smoothstep(-soft, soft, abs(off.y) - width)) * step(abs(off.x), 0.42);
         inside *= random_of(cell) < chance ? 1.0 : 0.0;
-        vec3 color = mix(mix(BROWN, RUST, smoothstep(0.2, 0.5, kind)), YELLOW, smoothstep(0.55, 0.8, kind));
+        vec3 color = mix(mix(LEAVES_BROWN, LEAVES_RUST, smoothstep(0.2, 0.5, kind)), LEAVES_YELLOW, smoothstep(0.55, 0.8, kind));
         // A pale midrib, and darker patches of decay.
         color *= (0.55 + 0.7 * tone) * (1.0 + 0.5 * (1.0 - smoothstep(0.008, 0.03, abs(off.y))));
-        color *= 1.0 - 0.35 * relief(p.xy / 0.025, layer + 20.0).x * seen(0.025, grain);
+        color *= 1.0 - 0.35 * relief(p.xy / LEAVES_DECAY, layer + 20.0).x * seen(LEAVES_DECAY, grain);
         leaves = mix(leaves, vec4(color, 1.0), inside);
     }
-    vec4 far = vec4(mix(RUST, YELLOW, 0.4) * 0.85 * cover, cover);
+    vec4 far = vec4(mix(LEAVES_RUST, LEAVES_YELLOW, 0.4) * 0.85 * cover, cover);
     leaves = mix(far, leaves, seen(0.25, grain));
     return vec4(leaves.rgb / max(leaves.a, 1e-3), leaves.a);
 }
