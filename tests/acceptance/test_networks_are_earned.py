@@ -29,8 +29,8 @@ pytestmark = [pytest.mark.gl, pytest.mark.timeout(1200)]
 
 SITES = (900, 901)
 #: Cameras with their light, and frames behind each: these share a background, which costs more than all else, but no person.
-SETTINGS_PER_STREET = 3
-FRAMES_PER_SETTING = 2
+SETTINGS_PER_STREET = 2
+FRAMES_PER_SETTING = 3
 SIZE = (960, 540)
 TRAINED_ON = range(1000, 100_000)
 
