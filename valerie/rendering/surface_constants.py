@@ -19,6 +19,8 @@ Constant = float | tuple[float, ...]
 
 #: Upward component of the normals from which snow does not slide.
 SNOW_SLOPE: Final = (0.5, 0.85)
+#: Upward component of the normals on which leaves lie.
+LEAVES_LIE: Final = (0.8, 0.95)
 #: Shares of the snow that traffic takes: everywhere, from tracks, from the whole surface on average.
 SNOW_TAKEN: Final = (0.5, 0.94, 2.0 / 3.0)
 
@@ -89,9 +91,8 @@ CONSTANTS: Final[Mapping[str, Constant]] = {
     "SNOW_SLUSH": (0.36, 0.34, 0.32),
     "SNOW_ROUGHNESS": 0.8,
     "SNOW_SPECULAR": 0.5,
-    # Upward component of the normals on which leaves lie; shares that traffic takes everywhere and from tracks; roughness of
-    # tracks (from, to).
-    "LEAVES_LIE": (0.8, 0.95),
+    # Shares of the leaves that traffic takes everywhere and from tracks; roughness of tracks (from, to).
+    "LEAVES_LIE": LEAVES_LIE,
     "LEAVES_TAKEN": (0.5, 0.8),
     "LEAVES_TRACK": (0.79, 0.87),
     # Length of patches and of decay; edge of the cells of the first layer, and its growth with each layer; their turn likewise.

@@ -26,6 +26,7 @@ from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
 from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, Sky, sky_of
 from valerie.rendering.snowfall import snowed_on
+from valerie.rendering.surface_constants import LEAVES_LIE
 from valerie.scene.graph.model import ROOM_CELLS, Camera, Material, Matrix, Mesh, Scene, Texture
 
 #: Rows and columns of the sky panorama.
@@ -188,7 +189,10 @@ class _Sender:
         for i, mesh in enumerate(item.meshes):
             if not mesh.faces.size:
                 continue
-            material = self._material(material_of(self._scene, mesh, item.node.path), static=not item.node.movable)
+            static = not item.node.movable
+            # Leaves have many shader nodes, so only what has level parts gets them.
+            strewn = static and self._sky.leaf_litter > 0.0 and _has_level_parts(mesh, item.world)
+            material = self._material(material_of(self._scene, mesh, item.node.path), static=static, strewn=strewn)
             key, world = self._mesh(mesh, item.world)
             meshes.append(_Placed(f"{item.node.path}#{i}", key, material, world, place))
         return meshes
@@ -230,7 +234,7 @@ class _Sender:
             arrays |= _cell_sides(positions, mesh)
         self._blender.ask("mesh", arrays, key=key)
 
-    def _material(self, material: Material, *, static: bool) -> str:
+    def _material(self, material: Material, *, static: bool, strewn: bool) -> str:
         rooms = material.rooms
         textures = {
             "base_color_texture": self._texture(material.base_color_texture if rooms is None else None, color=True),
@@ -244,7 +248,7 @@ class _Sender:
             values["rooms"] = {**asdict(rooms), "texture": pictures, "cells": ROOM_CELLS}
         lens = material.name in self._lenses
         covers = {
-            "strewn": static and self._sky.leaf_litter > 0.0 and material.light_through == 0.0,
+            "strewn": strewn and material.light_through == 0.0,
             "wet": self._sky.wetness > 0.0,
             "snowy": static and self._sky.snow_depth > 0.0,
         }
@@ -337,6 +341,12 @@ def _panorama(sky: Sky) -> NDArray[np.float32]:
     columns = np.clip(azimuth / np.pi * AZIMUTHS - 0.5, 0, AZIMUTHS - 1)
     at = np.stack(np.meshgrid(rows, columns, indexing="ij"))
     return np.stack([map_coordinates(sky.table[..., i], at, order=1) for i in range(3)], axis=2).astype(np.float32)
+
+
+def _has_level_parts(mesh: Mesh, world: Matrix) -> bool:
+    """Return True if leaves can lie on a part of a mesh."""
+    normals = mesh.normals @ np.linalg.inv(world[:3, :3])
+    return bool((normals[:, 2] > LEAVES_LIE[0] * np.linalg.norm(normals, axis=1)).any())
 
 
 def _cell_sides(positions: NDArray[np.float64], mesh: Mesh) -> dict[str, NDArray[np.float32]]:

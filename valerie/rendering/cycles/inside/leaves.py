@@ -35,8 +35,9 @@ def leaves_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
     chance = ((1.0 - (1.0 - cover).of("POWER", 0.25)) * 4.0).of("MINIMUM", 1.0)
 
     yellow, rust, brown = (Term(nodes, nodes.color(c[f"LEAVES_{name}"])) for name in ("YELLOW", "RUST", "BROWN"))
-    # The colours of the leaves times the share that they hide, and that share.
-    seen, hidden = vector(nodes), Term(nodes, nodes.math("ADD", 0.0, 0.0))
+    # The colours of the leaves times the share that they hide, and the share that they leave.
+    seen: Term = vector(nodes)
+    bare: Any = 1.0
     for i, decay in enumerate(reliefs[1:]):
         (edge, wider), (turn, further) = c["LEAVES_CELL"], c["LEAVES_TURN"]
         side, turned = edge + wider * i, turn + further * i
@@ -59,10 +60,10 @@ def leaves_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
         rib = (1.0 - across.step(0.008, 0.03)) * 0.5 + 1.0
         rotten, _ = relief(nodes, decay, position, (c["LEAVES_DECAY"],) * 2)
         leaf = leaf * (tone * 0.7 + 0.55) * rib * (1.0 - rotten * grain.seen(c["LEAVES_DECAY"]) * 0.35)
-        seen, hidden = seen.to(leaf, inside), hidden.to(1.0, inside)
+        seen, bare = seen.to(leaf, inside), (1.0 - inside) * bare
     near = grain.seen(0.25)
     seen = (rust.to(yellow, 0.4) * cover * 0.85).to(seen, near)
-    hidden = cover.to(hidden, near)
+    hidden = cover.to(1.0 - bare, near)
 
     changed = {
         "Base Color": color * (1.0 - hidden) + seen,
