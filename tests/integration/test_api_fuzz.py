@@ -98,6 +98,7 @@ def test_no_request_breaks_the_server_and_every_answer_is_as_documented(
     @settings(max_examples=8, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
     @given(case=operation.as_strategy(generation_mode=mode))
     def holds(case: Any) -> None:
-        case.validate_response(case.call(), checks=CHECKS)
+        # The first preview draws a street, on a machine that does other things too.
+        case.validate_response(case.call(timeout=120.0), checks=CHECKS)
 
     holds()
