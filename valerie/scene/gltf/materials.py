@@ -118,10 +118,10 @@ def read_material(
     extras = own_extras(source.extras)
     specular = extensions.get(SPECULAR) or {}
     panes = extensions.get(TRANSMISSION) or {}
-    sheets = extensions.get(DIFFUSE_TRANSMISSION) or {}
+    sheets = extensions.get(DIFFUSE_TRANSMISSION)
     if panes.get("transmissionTexture") is not None:
         notes.append(f"material {name}: its transmission texture is ignored")
-    if any(key != "diffuseTransmissionFactor" for key in sheets):
+    if any(key != "diffuseTransmissionFactor" for key in sheets or ()):
         notes.append(f"material {name}: textures and colour of its diffuse transmission are ignored")
     strength = _one((extensions.get(EMISSIVE_STRENGTH) or {}).get("emissiveStrength"), 1.0)
     emissive = (
@@ -148,9 +148,9 @@ def read_material(
         transmission=share("transmission", _one(panes.get("transmissionFactor"), 0.0)),
         traffic=share("traffic", 0.0),
         soaks=share("soaks", 0.0),
-        translucency=share("translucency", _one(sheets.get("diffuseTransmissionFactor"), 0.0))
-        if sheets or "translucency" in extras
-        else None,
+        translucency=None
+        if sheets is None and "translucency" not in extras
+        else share("translucency", _one((sheets or {}).get("diffuseTransmissionFactor"), 0.0)),
         rooms=_rooms(extras.get("rooms"), name, texture_name),
         signal=extras.get("signal") is True,
     )

@@ -414,6 +414,14 @@ def test_the_diffuse_transmission_that_others_write_is_read(written: Path) -> No
     assert f"material {name}: textures and colour of its diffuse transmission are ignored" in part.notes
 
 
+def test_a_diffuse_transmission_without_factor_is_none_at_all(written: Path) -> None:
+    document, binary = chunks_of(written)
+    name = document["materials"][0]["name"]
+    document["materials"][0].setdefault("extensions", {})["KHR_materials_diffuse_transmission"] = {}
+    document["materials"][0]["doubleSided"] = True
+    assert read_gltf(embedded(written, document, binary)).materials[name].light_through == 0.0
+
+
 def test_lines_are_left_out_and_noted(written: Path) -> None:
     document, binary = chunks_of(written)
     document["meshes"][0]["primitives"][0]["mode"] = 1
