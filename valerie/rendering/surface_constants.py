@@ -91,8 +91,8 @@ CONSTANTS: Final[Mapping[str, Constant]] = {
     "SNOW_SLUSH": (0.36, 0.34, 0.32),
     "SNOW_ROUGHNESS": 0.8,
     "SNOW_SPECULAR": 0.5,
-    # Shares of the leaves that traffic takes everywhere and from tracks; roughness of tracks (from, to).
     "LEAVES_LIE": LEAVES_LIE,
+    # Shares of the leaves that traffic takes everywhere and from tracks; roughness of tracks (from, to).
     "LEAVES_TAKEN": (0.5, 0.8),
     "LEAVES_TRACK": (0.79, 0.87),
     # Length of patches and of decay; edge of the cells of the first layer, and its growth with each layer; their turn likewise.
@@ -126,7 +126,7 @@ def relief_corners() -> NDArray[np.uint8]:
     """Return the heights at the corners of the relief's cells, (layers, 512, 512, 4), in the order of ``relief.glsl``.
 
     Rows are y downwards and columns x, both −256…255. Engines that repeat them have the raster engine's relief in between:
-    within 8 m of the origin for the shortest snow, 100 m for patches, 790 m for the broadest puddles.
+    within 6 m of the origin for the decay of leaves, 8 m for the shortest snow, 100 m for patches, 790 m for broad puddles.
     """
     at = np.arange(-_CELLS // 2, _CELLS // 2 + 1, dtype=np.float32)
     corners = np.empty((len(RELIEF_LAYERS), _CELLS, _CELLS, 4), np.uint8)
