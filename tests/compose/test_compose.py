@@ -90,11 +90,13 @@ def stack() -> Iterator[Stack]:
     stack = Stack()
     stack.compose("build", capture=False)
     try:
-        stack.compose("up", "--detach", "--wait", "--wait-timeout", "300", capture=False)
+        try:
+            stack.compose("up", "--detach", "--wait", "--wait-timeout", "300")
+        except AssertionError as error:
+            containers = stack.compose("ps", "--all", check=False)
+            logs = stack.compose("logs", "--no-color", "--tail", "20", check=False)
+            pytest.exit(f"{error}\n{containers}\n{logs}", returncode=1)
         yield stack
-    except BaseException:
-        stack.compose("logs", "--tail", "60", check=False, capture=False)
-        raise
     finally:
         stack.take_down()
 

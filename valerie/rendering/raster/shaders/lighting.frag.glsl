@@ -171,19 +171,15 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     vec3 right = ray_basis[0] * (2.0 / float(sample_size.x)), up = ray_basis[1] * (2.0 / float(sample_size.y));
     mat2 steps = depth * mat2(
         (light_rows * (right - slanted * dot(normal, right))).xy, (light_rows * (up - slanted * dot(normal, up))).xy);
-    float lit = lit_mean(static_shadow, static_origin, static_extent, receiver, slope, way, steps, unsure);
 #else
-    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, way, unsure);
+    const mat2 steps = mat2(0.0);
 #endif
+    float lit = lit_mean(static_shadow, static_origin, static_extent, receiver, slope, way, steps, unsure);
     lit = hidden ? 0.0 : lit;
     lit = mix(lit, 1.0, smoothstep(0.85, 1.0, depth / shadow_distance));
 #ifdef MOVABLES
-#ifdef PLAIN
     float moving = lit_mean(
         movable_shadow, movable_origin, movable_extent, receiver, slope, way, steps, wanted && lit > 0.0);
-#else
-    float moving = lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, way, wanted && lit > 0.0);
-#endif
     lit = min(lit, moving);
 #endif
     return lit;

@@ -57,17 +57,24 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
 }
 
 #ifdef PLAIN
-// The mean of lit_share over a pixel's samples. The columns of ``steps`` lead from sample to sample in the map's plane.
+const int LIT_SAMPLES = 4;
+#else
+const int LIT_SAMPLES = 1;
+#endif
+
+// The mean of lit_share over a pixel's samples, or its value at one. The columns of ``steps`` lead from sample to sample in the
+// map's plane.
 float lit_mean(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, vec2 way, mat2 steps, bool wanted) {
     vec3 at = receiver - origin;
     bool inside = wanted && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, extent));
     float sum = 0.0;
-    int i = 0, samples = inside ? 4 : 1;
+    // LLVM's time for many loops in sequence grows exponentially; a loop around others interrupts the sequence. The compiler must
+    // not know that it has one turn.
+    int i = 0, samples = inside ? LIT_SAMPLES : 0;
     do {
         vec2 o = steps * (vec2(i & 1, i >> 1) - 0.5);
         sum += lit_share(map, origin, extent, receiver + vec3(o, dot(slope, o)), slope, way, inside);
         way = RADIAN * way;
     } while (++i < samples);
-    return sum / float(samples);
+    return sum / float(max(samples, 1));
 }
-#endif

@@ -16,18 +16,20 @@ layout(location = 1) out vec4 out_green;
 layout(location = 2) out vec4 out_blue;
 layout(location = 3) out vec4 out_zonal;       // zonal parts of order 2 of red, green and blue
 
-// Unrolled instead of a loop: with a constant index, all lanes share one weight.
-#define OPEN(K, STEPS) { \
-    float open = float((STEPS) & 255u); \
-    out_red += open * weights[7 * (K)]; \
-    out_green += open * weights[7 * (K) + 1]; \
-    out_blue += open * weights[7 * (K) + 2]; \
-    out_zonal += open * weights[7 * (K) + 3]; \
-    first_moments += open * weights[7 * (K) + 4]; \
-    second_moments += open * weights[7 * (K) + 5]; \
-    last_moments += open * weights[7 * (K) + 6]; \
+// Openness of four directions, in steps of 1/255.
+vec4 open_of(uint number) {
+    return vec4(number & 255u, number >> 8 & 255u, number >> 16 & 255u, number >> 24);
 }
-#define FOUR(K, NUMBER) OPEN(K, NUMBER) OPEN(K + 1, NUMBER >> 8) OPEN(K + 2, NUMBER >> 16) OPEN(K + 3, NUMBER >> 24)
+
+// Unrolled instead of a loop: with a constant index, all lanes share one weight.
+#define FOUR(SUM, OPEN, AT) \
+    SUM += OPEN.x * weights[AT]; SUM += OPEN.y * weights[AT + 7]; SUM += OPEN.z * weights[AT + 14]; SUM += OPEN.w * weights[AT + 21];
+// LLVM's time for a block grows with the square of its length, so each sum has a block of its own. The compiler must not know that
+// the loop has one turn.
+#define ADD(SUM, N) i = 0; do { \
+    FOUR(SUM, a, N) FOUR(SUM, b, N + 28) FOUR(SUM, c, N + 56) FOUR(SUM, d, N + 84) \
+    FOUR(SUM, e, N + 112) FOUR(SUM, f, N + 140) FOUR(SUM, g, N + 168) FOUR(SUM, h, N + 196) \
+} while (++i < turns);
 
 // Distance from a surface at which its surroundings are looked up, metres. The cells of the grid are several metres wide.
 const float NEAR_AHEAD = 1.0;
@@ -44,21 +46,23 @@ mat4 near_light(vec3 p) {
 
 void main() {
     ivec2 cell = ivec2(gl_FragCoord.xy), s = cell * SKYLIGHT_CELL;
+    float window = texelFetch(depth_map, s, 0).r;
     uvec4 one = texelFetch(first, cell, 0), two = texelFetch(second, cell, 0);
+    vec4 a = open_of(one.x), b = open_of(one.y), c = open_of(one.z), d = open_of(one.w);
+    vec4 e = open_of(two.x), f = open_of(two.y), g = open_of(two.z), h = open_of(two.w);
     vec4 first_moments = hidden[4], second_moments = hidden[5], last_moments = hidden[6];
     out_red = hidden[0];
     out_green = hidden[1];
     out_blue = hidden[2];
     out_zonal = hidden[3];
-    FOUR(0, one.x)
-    FOUR(4, one.y)
-    FOUR(8, one.z)
-    FOUR(12, one.w)
-    FOUR(16, two.x)
-    FOUR(20, two.y)
-    FOUR(24, two.z)
-    FOUR(28, two.w)
-    float window = texelFetch(depth_map, s, 0).r;
+    int i, turns = window == 1.0 ? 0 : 1;
+    ADD(out_red, 0)
+    ADD(out_green, 1)
+    ADD(out_blue, 2)
+    ADD(out_zonal, 3)
+    ADD(first_moments, 4)
+    ADD(second_moments, 5)
+    ADD(last_moments, 6)
     vec3 normal = octahedron_decode(texelFetch(normals_map, s, 0).zw);
     mat4 light = near_light(eye + ray_of(s) * linear_depth(window) + normal * NEAR_AHEAD);
     // A linear function of the direction, 1, x, y, z, times the harmonics, summed over the hidden directions.
