@@ -3,8 +3,10 @@
 `make test-compose`; needs a Docker engine with compose v2. About ten minutes the first time (images are built).
 """
 
+import contextlib
 import json
 import os
+import random
 import socket
 import subprocess
 import sys
@@ -29,9 +31,7 @@ class Stack:
     """One compose project with a name, a port and a token of its own."""
 
     def __init__(self) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
+        self.port = _free_port()
         self.token = "token-of-the-container-test"
         self._project = f"valerie-test-{os.getpid()}"
         self._environment = {
@@ -73,6 +73,15 @@ class Stack:
 
     def client(self) -> Client:
         return Client(f"http://127.0.0.1:{self.port}", token=self.token)
+
+
+def _free_port() -> int:
+    """Return a free port below those that the kernel gives to outgoing connections, which minutes of downloads would use."""
+    for port in random.Random(os.getpid()).sample(range(20_000, 30_000), 100):
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise RuntimeError("no free port between 20000 and 30000")
 
 
 def _offer_torch() -> None:
