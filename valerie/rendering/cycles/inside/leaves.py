@@ -6,33 +6,28 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .nodes import Nodes, new_group
+from .covers import Cover
+from .nodes import Nodes
 from .pipe import Message
-from .terms import Grain, Term, random_of, relief, vector
-from .water import DRY, SURFACE
+from .terms import Term, random_of, relief, vector
 
 
-def leaves_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
-    """Return the node group of leaves on level surfaces; ``reliefs`` are those of patches, then of decay in each layer.
+def leaves_cover(data: Any, reliefs: list[Any], constants: Message) -> Cover:
+    """Return the cover of leaves on level surfaces; ``reliefs`` are those of patches, then of decay in each layer.
 
     Wind and feet gather leaves in patches, and wheels sweep polished tracks. Each cell of a layer holds at most one leaf.
     """
-    group, nodes, source, result = new_group(data, "leaves", {**SURFACE, **DRY, "Traffic": "Float"}, SURFACE)
-    c = constants
-    geometry = nodes.add("ShaderNodeNewGeometry").outputs
-    position, face = Term(nodes, geometry["Position"]), Term(nodes, geometry["Normal"])
-    color, rough, specular, metallic, normal, dry_color, dry_rough, traffic = (
-        Term(nodes, source[name]) for name in (*SURFACE, *DRY, "Traffic")
-    )
-    fallen, grain = Term(nodes, nodes.add("ShaderNodeValue", "litter").outputs[0]), Grain(nodes)
+    cover, c = Cover(data, "leaves", "Traffic"), constants
+    nodes, position, traffic, grain = cover.nodes, cover.position, cover.own, cover.grain
 
-    swept = traffic * (1.0 - dry_rough.step(*c["LEAVES_TRACK"])) * (1.0 - dry_color.y.step(*c["SNOW_MARKING"]))
+    tracks = traffic * (1.0 - cover.dry_rough.step(*c["LEAVES_TRACK"]))
+    swept = tracks * (1.0 - cover.dry_color.y.step(*c["SNOW_MARKING"]))
     everywhere, from_tracks = c["LEAVES_TAKEN"]
-    level = face.z.step(*c["LEAVES_LIE"]) * (1.0 - traffic * everywhere) * (1.0 - swept * from_tracks)
+    level = cover.face.z.step(*c["LEAVES_LIE"]) * (1.0 - traffic * everywhere) * (1.0 - swept * from_tracks)
     patches, _ = relief(nodes, reliefs[0], position, (c["LEAVES_PATCH"],) * 2)
-    cover = (fallen * level * patches * 2.0).clamped(0.0, 1.0)
+    covered = (cover.amount * level * patches * 2.0).clamped(0.0, 1.0)
     # A leaf fills a quarter of its cell. Four layers with this chance of a leaf hide the cover together.
-    chance = ((1.0 - (1.0 - cover).of("POWER", 0.25)) * 4.0).of("MINIMUM", 1.0)
+    chance = ((1.0 - (1.0 - covered).of("POWER", 0.25)) * 4.0).of("MINIMUM", 1.0)
 
     yellow, rust, brown = (Term(nodes, nodes.color(c[f"LEAVES_{name}"])) for name in ("YELLOW", "RUST", "BROWN"))
     # The colours of the leaves times the share that they hide, and the share that they leave.
@@ -62,19 +57,17 @@ def leaves_group(data: Any, reliefs: list[Any], constants: Message) -> Any:
         leaf = leaf * (tone * 0.7 + 0.55) * rib * (1.0 - rotten * grain.seen(c["LEAVES_DECAY"]) * 0.35)
         seen, bare = seen.to(leaf, inside), (1.0 - inside) * bare
     near = grain.seen(0.25)
-    seen = (rust.to(yellow, 0.4) * cover * 0.85).to(seen, near)
-    hidden = cover.to(1.0 - bare, near)
+    seen = (rust.to(yellow, 0.4) * covered * 0.85).to(seen, near)
+    hidden = covered.to(1.0 - bare, near)
 
-    changed = {
-        "Base Color": color * (1.0 - hidden) + seen,
-        "Roughness": rough.to(c["LEAVES_ROUGHNESS"], hidden),
-        "Specular IOR Level": specular,
-        "Metallic": metallic * (1.0 - hidden),
-        "Normal": normal.to(face, hidden * 0.7).of("NORMALIZE"),
-    }
-    for name, term in changed.items():
-        nodes.link(term.output, result[name])
-    return group
+    cover.change(
+        cover.color * (1.0 - hidden) + seen,
+        cover.rough.to(c["LEAVES_ROUGHNESS"], hidden),
+        cover.specular,
+        cover.metallic * (1.0 - hidden),
+        cover.normal.to(cover.face, hidden * 0.7).of("NORMALIZE"),
+    )
+    return cover
 
 
 def _turned(nodes: Nodes, place: Term, cosine: Any, sine: Any) -> Term:

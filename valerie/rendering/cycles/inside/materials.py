@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from .leaves import leaves_group
+from .covers import CHANGED, DRY, Cover
+from .leaves import leaves_cover
 from .nodes import Nodes, new_group
 from .pipe import ByName, Message
 from .rooms import behind_pane
-from .snow import snow_group
+from .snow import snow_cover
 from .terms import Term
-from .water import SURFACE, water_group
+from .water import water_cover
 
 
 class Materials:
@@ -32,9 +33,9 @@ class Materials:
         self._textures: ByName = {}
         images = [byte_image(data, f"relief-{i}", corners, "Non-Color") for i, corners in enumerate(reliefs)]
         self._air: Any = _air_group(data)
-        self._snow: Any = snow_group(data, images[:4], constants)
-        self._water: Any = water_group(data, images[4:7], constants)
-        self._leaves: Any = leaves_group(data, images[7:], constants)
+        self._snow: Cover = snow_cover(data, images[:4], constants)
+        self._water: Cover = water_cover(data, images[4:7], constants)
+        self._leaves: Cover = leaves_cover(data, images[7:], constants)
 
     def __getitem__(self, key: str) -> Any:
         return self._materials[key]
@@ -48,11 +49,9 @@ class Materials:
 
     def show(self, light: Message, pixel: float) -> None:
         """Apply cover and air of ``light`` to all materials; ``pixel`` is a pixel's size at 1 m, in metres."""
-        for cover in (self._leaves, self._water, self._snow):
-            cover.nodes["pixel"].outputs[0].default_value = pixel
-        self._snow.nodes["depth"].outputs[0].default_value = light["snow_depth"]
-        self._leaves.nodes["litter"].outputs[0].default_value = light["leaf_litter"]
-        self._water.nodes["wetness"].outputs[0].default_value = light["wetness"]
+        self._snow.show(light["snow_depth"], pixel)
+        self._water.show(light["wetness"], pixel)
+        self._leaves.show(light["leaf_litter"], pixel)
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
 
@@ -156,23 +155,21 @@ class Materials:
     def _cover(self, nodes: Nodes, principled: Any, header: Message) -> None:
         """Cover a surface with the leaves, then the water, then the snow that lie on it."""
         lying = (("strewn", self._leaves), ("wet", self._water), ("snowy", self._snow))
-        trees = [tree for covered, tree in lying if header[covered]]
-        if trees and not principled.inputs["Normal"].is_linked:
+        covers = [cover for covered, cover in lying if header[covered]]
+        if covers and not principled.inputs["Normal"].is_linked:
             nodes.link(nodes.add("ShaderNodeNewGeometry").outputs["Normal"], principled.inputs["Normal"])
-        covers = []
-        for tree in trees:
-            cover = nodes.add("ShaderNodeGroup")
-            cover.node_tree = tree
-            for name in ("Base Color", "Roughness"):
-                nodes.feed_alike(cover.inputs[f"Dry {name}"], principled.inputs[name])
-            for name in ("Traffic", "Soaks"):
-                if name in cover.inputs:
-                    cover.inputs[name].default_value = header[name.lower()]
-            covers.append(cover)
+        groups = []
         for cover in covers:
-            for name in SURFACE:
-                nodes.feed_alike(cover.inputs[name], principled.inputs[name])
-                nodes.link(cover.outputs[name], principled.inputs[name])
+            group = nodes.add("ShaderNodeGroup")
+            group.node_tree = cover.tree
+            for name in DRY:
+                nodes.feed_alike(group.inputs[f"Dry {name}"], principled.inputs[name])
+            group.inputs[cover.own_name].default_value = header[cover.own_name.lower()]
+            groups.append(group)
+        for group in groups:
+            for name in CHANGED:
+                nodes.feed_alike(group.inputs[name], principled.inputs[name])
+                nodes.link(group.outputs[name], principled.inputs[name])
 
 
 def byte_image(data: Any, name: str, pixels: Any, space: str) -> Any:

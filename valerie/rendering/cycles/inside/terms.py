@@ -84,7 +84,8 @@ class Grain:
         facing = Term(nodes, geometry["Normal"]).dot(geometry["Incoming"]).of("ABSOLUTE").of("MAXIMUM", 0.05)
         depth = Term(nodes, nodes.add("ShaderNodeCameraData").outputs["View Z Depth"]).of("ABSOLUTE")
         # A pixel at a depth of 1 m.
-        self.length: Term = depth * nodes.add("ShaderNodeValue", "pixel").outputs[0] / facing
+        self.pixel: Any = nodes.add("ShaderNodeValue").outputs[0]
+        self.length: Term = depth * self.pixel / facing
 
     def seen(self, length: float) -> Term:
         """Return the share of details of a length, in metres, that shows."""
