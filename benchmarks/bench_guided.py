@@ -214,7 +214,8 @@ def measure_others(
     scored = [family for family in planted_scores.MARGINS if family in families]
     if "rank" in goals:
         runs += [
-            partial(guided_peers.measure_rank, family, seed=seed, repetitions=repetitions, draws=DRAWS)
+            partial(guided_peers.measure_rank, family, seed=seed, repetitions=repetitions, draws=DRAWS, rows=rows)
+            for rows in guided_peers.ROWS
             for family in scored
         ]
     if "pairs" in goals:

@@ -49,7 +49,7 @@ MOST: Final = 2
 #: Blocks of the indices that count as true.
 REFERENCE: Final = 2**15
 #: Rows of SALib's design.
-ROWS: Final = 128
+ROWS: Final = (64, 128)
 #: Failure rate of the planted scores whose parameters are ranked.
 RANKED_RATE: Final = 0.1
 #: Random points among which a failing and a passing one are sought for a minimal pair.
@@ -189,9 +189,10 @@ class RankRow:
     """Indices by `Rank` and by SALib with as many evaluations; the latter's figures are None without it.
 
     Attributes:
+        rows: SALib's number of rows, which sets the number of evaluations.
         evaluations: mean number of them.
         coverage: of the intervals of total shares; of the parameters that were not screened out.
-        coverage_shapley: of those of the Shapley effects, which SALib does not have.
+        coverage_alone, coverage_shapley: of those of the shares alone and of the Shapley effects.
         width: mean width of the intervals of total shares.
         first: share of repetitions in which the parameter with the largest share is named.
         screened: largest true total share of a parameter that was screened out.
@@ -202,8 +203,10 @@ class RankRow:
     family: str
     seed: int
     repetitions: int
+    rows: int
     evaluations: float
     coverage: float
+    coverage_alone: float
     coverage_shapley: float
     width: float
     first: float
@@ -215,27 +218,28 @@ class RankRow:
     refused_peer: float | None
 
 
-def measure_rank(family: str, *, seed: int, repetitions: int, draws: int) -> RankRow:
-    """Measure ``draws`` rankings of each planted score, of which a tenth fails."""
+def measure_rank(family: str, *, seed: int, repetitions: int, draws: int, rows: int) -> RankRow:
+    """Measure ``draws`` rankings of each planted score, of which a tenth fails; ``rows`` are those of SALib."""
     own: list[tuple[float, ...]] = []
     peer: list[tuple[float, ...]] = []
     for repetition in range(seed, seed + repetitions):
         if (repetition - seed) % draws == 0:
             planted = planted_scores.plant(family, repetition, RANKED_RATE)
-            totals, shapley = true_shares(planted, repetition)
-        budget = ROWS * (planted.dimensions + 2)
-        own.append(_ranked(planted, repetition, budget, totals, shapley))
+            truth = true_shares(planted, repetition)
+        own.append(_ranked(planted, repetition, rows * (planted.dimensions + 2), truth))
         if package("SALib"):
-            peer.append(_by_salib(planted, repetition, totals))
-    coverage, of_shapley, width, first, screened, refused, evaluations = np.array(own).T
+            peer.append(_by_salib(planted, repetition, truth[1], rows))
+    coverage, of_alone, of_shapley, width, first, screened, refused, evaluations = np.array(own).T
     peers = [_mean(column) for column in np.array(peer).T] if peer else [None] * 4
     return RankRow(
         "rank",
         family,
         seed,
         repetitions,
+        rows,
         float(evaluations.mean()),
         _mean(coverage),
+        _mean(of_alone),
         _mean(of_shapley),
         _mean(width),
         _mean(first),
@@ -248,8 +252,8 @@ def measure_rank(family: str, *, seed: int, repetitions: int, draws: int) -> Ran
     )
 
 
-def true_shares(planted: planted_scores.Planted, seed: int) -> tuple[Floats, Floats]:
-    """Return the total shares and the Shapley effects among points with scores, (dimensions,) each."""
+def true_shares(planted: planted_scores.Planted, seed: int) -> Floats:
+    """Return the shares alone, in total and of Shapley among points with scores, (3, dimensions)."""
     rng = np.random.default_rng([seed, 1, 6])
     dimensions = planted.dimensions
     first, second = rng.random((2, REFERENCE, dimensions))
@@ -267,31 +271,30 @@ def true_shares(planted: planted_scores.Planted, seed: int) -> tuple[Floats, Flo
         columns.append(planted.score(mixed))
     table = np.column_stack([*columns, *along])
     whole = ~np.isnan(table).any(axis=1)
-    _, totals, shapley = ranking.indices(table[whole], paths[whole])
-    return totals, shapley
+    return ranking.indices(table[whole], paths[whole])
 
 
-def _ranked(
-    planted: planted_scores.Planted, seed: int, budget: int, totals: Floats, shapley: Floats
-) -> tuple[float, ...]:
+def _ranked(planted: planted_scores.Planted, seed: int, budget: int, truth: Floats) -> tuple[float, ...]:
     strategy = ranking.Rank(Cube(planted.dimensions), seed=seed)
     spent = pursue(strategy, planted.score, budget=budget, batch=256)
-    known = strategy.result
+    known, totals = strategy.result, truth[1]
     assert known is not None, "the screening has ended"
     screened = float(totals[list(known.screened_out)].max()) if known.screened_out else 0.0
-    if known.refused:
-        return (*[math.nan] * 4, screened, 1.0, spent)
-    held, held_shapley, widths = [], [], []
-    for effect in known.effects:
-        if effect.dimension is not None and effect.total is not None and effect.shapley is not None:
-            held.append(effect.total.low <= totals[effect.dimension] <= effect.total.high)
-            held_shapley.append(effect.shapley.low <= shapley[effect.dimension] <= effect.shapley.high)
-            widths.append(effect.total.high - effect.total.low)
+    effects = [effect for effect in known.effects if effect.dimension is not None and effect.total is not None]
+    if not effects:
+        return (*[math.nan] * 5, screened, 1.0, spent)
+    held: dict[str, list[bool]] = {"alone": [], "total": [], "shapley": []}
+    for effect in effects:
+        for (kind, covered), true in zip(held.items(), truth[:, effect.dimension], strict=True):
+            share = getattr(effect, kind)
+            covered.append(share.low <= true <= share.high)
+    coverage = [float(np.mean(held[kind])) for kind in ("total", "alone", "shapley")]
+    width = float(np.mean([effect.total.high - effect.total.low for effect in effects if effect.total]))
     first = known.effects[0].dimension == np.argmax(totals)
-    return (float(np.mean(held)), float(np.mean(held_shapley)), float(np.mean(widths)), first, screened, 0.0, spent)
+    return (*coverage, width, first, screened, 0.0, spent)
 
 
-def _by_salib(planted: planted_scores.Planted, seed: int, totals: Floats) -> tuple[float, ...]:
+def _by_salib(planted: planted_scores.Planted, seed: int, totals: Floats, rows: int) -> tuple[float, ...]:
     """Return coverage and width of SALib's intervals; True if it names the first parameter; True if it has no indices."""
     sample, analyze = (import_module(f"SALib.{part}.sobol") for part in ("sample", "analyze"))
     dimensions = planted.dimensions
@@ -300,7 +303,7 @@ def _by_salib(planted: planted_scores.Planted, seed: int, totals: Floats) -> tup
         "names": [f"x{i}" for i in range(dimensions)],
         "bounds": [[0.0, 1.0]] * dimensions,
     }
-    points = sample.sample(problem, ROWS, calc_second_order=False, seed=seed)
+    points = sample.sample(problem, rows, calc_second_order=False, seed=seed)
     shares = analyze.analyze(problem, planted.score(points), calc_second_order=False, seed=seed)
     estimates, halves = np.asarray(shares["ST"]), np.asarray(shares["ST_conf"])
     if not estimates.any():  # with an undefined score, all its shares are 0

@@ -13,7 +13,12 @@ alone, and of Jansen (1999, doi:10.1016/S0010-4655(98)00154-4) for it with all i
 The *Shapley effect* of a parameter is its share where each interaction is divided evenly among those that take part; these
 shares add up to 1. A *path* leads from A to B: one group after another jumps, in a random order. The effect is the mean
 growth of the total share along the paths (Goda 2021, doi:10.1016/j.ress.2021.107702). A block has the points of its path,
-too. All intervals are percentiles over resampled blocks.
+too.
+
+All intervals are those of a jackknife over blocks (Efron and Stein 1981, doi:10.1214/aos/1176345462); those of total shares,
+which are means of squares, on the scale of the cube root (Wilson and Hilferty 1931, doi:10.1073/pnas.17.12.684). Few blocks can
+decide the spread, so Student's quantile has the degrees of freedom that the fourth moment of the blocks' influence leaves
+(Satterthwaite 1946, doi:10.2307/3002019).
 
 Each point is identified by its block and place, so a missing score cannot shift the others. A block without all its scores
 is left out; if more than `BROKEN` of the blocks are, the indices are refused, since they would describe another domain.
@@ -49,7 +54,8 @@ BROKEN: Final = 0.2
 #: Share of blocks with illegal points at which no more are asked for: the indices would be refused in the end.
 HOPELESS: Final = 2 * BROKEN
 _JUMP: Final = 2 / 3
-_RESAMPLES: Final = 500
+#: Share of the mean square below which a variance is a rounding error.
+_ROUNDING: Final = 1e-12
 _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
 
 
@@ -234,7 +240,7 @@ class Rank:
         if len(blocks) < FEWEST:
             return
         self._checked = True
-        _, total, _ = indices(np.array([self._scores[b] for b in blocks]), np.array([self._paths[b] for b in blocks]))
+        _, total, _ = indices(*self._known(blocks))
         if not total[-1] > READMITTED:  # NaN without variance
             return
         alone = np.count_nonzero(self._screened) == 1
@@ -303,22 +309,12 @@ class Rank:
     def _shares(self, blocks: list[int], *, refused: bool) -> list[tuple[Share | None, ...]]:
         """Return the shares alone, in total and of Shapley of each group."""
         assert self._groups is not None, "the screening has ended"
-        table = np.array([self._scores[block] for block in blocks])
-        if refused or len(blocks) < FEWEST or np.ptp(table[:, 0]) == 0:
-            return [(None, None, None)] * len(self._groups)
-        paths = np.array([self._paths[block] for block in blocks])
-        rng = np.random.default_rng([self.seed, 2, len(blocks)])
-        drawn = rng.integers(0, len(blocks), (_RESAMPLES, len(blocks)))
-        estimates = np.array([*indices(table, paths)])
-        again = np.array([[*indices(table[rows], paths[rows])] for rows in drawn])
-        low, high = np.nanpercentile(again, (2.5, 97.5), axis=0)
-        return [
-            tuple(
-                Share(float(estimates[kind, place]), float(low[kind, place]), float(high[kind, place]))
-                for kind in range(3)
-            )
-            for place in range(len(self._groups))
-        ]
+        known = None if refused or len(blocks) < FEWEST else shares(*self._known(blocks))
+        return [*known] if known else [(None, None, None)] * len(self._groups)
+
+    def _known(self, blocks: list[int]) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the scores and the paths of blocks, as `indices` takes them."""
+        return np.array([self._scores[block] for block in blocks]), np.array([self._paths[block] for block in blocks])
 
 
 def _negligible(sizes: Floats) -> NDArray[np.bool_]:
@@ -326,25 +322,58 @@ def _negligible(sizes: Floats) -> NDArray[np.bool_]:
     return np.asarray(sizes < NEGLIGIBLE * np.fmax.reduce(sizes))
 
 
-def indices(table: Floats, paths: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
-    """Return the shares of variance alone, in total and of Shapley, (groups,) each.
+def shares(table: Floats, paths: NDArray[np.int64]) -> list[tuple[Share, ...]] | None:
+    """Return the shares of variance alone, in total and of Shapley of each group; None if one block decides them.
+
+    Args:
+        table, paths: as for `indices`.
+    """
+    from scipy.special import stdtrit
+
+    moments = _moments(table, paths)
+    mean, count = moments.mean(axis=0), len(moments)
+    estimates, without_each = _shares_of(mean), _shares_of(mean + (mean - moments) / (count - 1))
+    if np.isnan(without_each).any():
+        return None
+    scaled = estimates.copy()
+    scaled[1], without_each[:, 1] = np.cbrt(estimates[1]), np.cbrt(without_each[:, 1])
+    spread = without_each.std(axis=0)
+    influence = (without_each - without_each.mean(axis=0)) / np.maximum(spread, np.finfo(float).tiny)
+    freedom = np.clip(2 * count / np.maximum((influence**4).mean(axis=0) - 1, 1 / count), 1, count - 1)
+    half = stdtrit(freedom, 0.975) * math.sqrt(count - 1) * spread
+    low, high = scaled - half, scaled + half
+    low[1], high[1] = np.maximum(low[1], 0.0) ** 3, high[1] ** 3
+    by_group = np.stack([estimates, low, high], axis=-1).swapaxes(0, 1).tolist()
+    return [tuple(Share(*numbers) for numbers in of_group) for of_group in by_group]
+
+
+def indices(table: Floats, paths: NDArray[np.int64]) -> Floats:
+    """Return the shares of variance alone, in total and of Shapley, (3, groups); NaN without a variance.
 
     Args:
         table: (n, 2 groups) scores of blocks: of A, of B, of A with each group from B, and between them along the path; with
             one group (n, 3).
         paths: (n, groups) the groups in the order in which they jump.
     """
+    return _shares_of(_moments(table, paths).mean(axis=0))
+
+
+def _moments(table: Floats, paths: NDArray[np.int64]) -> Floats:
+    """Return the numbers of each block whose means decide the shares, (n, 3 + 4 groups)."""
     groups = paths.shape[1]
-    first, second, mixed, between = np.split(table, (1, 2, 2 + groups), axis=1)
-    variance = table[:, :2].var()
-    if variance == 0:
-        nothing = np.full(groups, np.nan)
-        return nothing, nothing, nothing
-    alone = ((second - second.mean()) * (mixed - first)).mean(axis=0) / variance
-    total = ((first - mixed) ** 2).mean(axis=0) / (2 * variance)
+    first, second, mixed, between = np.split(table - table.mean(), (1, 2, 2 + groups), axis=1)
     jumped = np.take_along_axis(mixed, paths[:, :1], axis=1)
     steps = np.concatenate([first, jumped, between, second] if groups > 1 else [first, second], axis=1)
     before, after = steps[:, :-1], steps[:, 1:]
-    growth = (before - after) * (first - (before + after) / 2)
-    shapley = np.take_along_axis(growth, np.argsort(paths, axis=1), axis=1).mean(axis=0) / variance
-    return alone, total, shapley
+    growth = np.take_along_axis((before - after) * (first - (before + after) / 2), np.argsort(paths, axis=1), axis=1)
+    change, both = mixed - first, (first**2 + second**2) / 2
+    return np.hstack([(first + second) / 2, both, second, change, second * change, change**2 / 2, growth])
+
+
+def _shares_of(means: Floats) -> Floats:
+    """Return the shares of variance, (..., 3, groups), by means of moments, (..., 3 + 4 groups)."""
+    middle, square, second = (means[..., [i]] for i in range(3))
+    change, product, total, growth = np.split(means[..., 3:], 4, axis=-1)
+    variance = square - middle**2
+    divisor = np.where(variance > _ROUNDING * square, variance, np.nan)
+    return np.asarray(np.stack([product - second * change, total, growth], axis=-2) / divisor[..., None])

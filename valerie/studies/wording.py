@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from valerie.analysis.wording import counted, minus
+from valerie.analysis.wording import counted, minus, percent
 from valerie.guided.cascade import TwoEngines
 from valerie.guided.compare import Difference
 from valerie.guided.domain import shown
@@ -246,6 +246,8 @@ def _ranking(known: Ranking, study: ResolvedStudy) -> tuple[str, ...]:
         sentences.append(f"{counted(known.broken, 'block')} without all scores left out.")
     if not known.refused and known.blocks < FEWEST:
         sentences.append(f"Shares of variance need {FEWEST} whole blocks; {known.blocks} so far.")
+    elif not known.refused and known.effects[0].total is None:
+        sentences.append("Apart from at most one block, all scores are equal, so there are no shares of variance.")
     if any(effect.shapley for effect in known.effects):
         sentences.append("A Shapley effect has an even part of each interaction; all of them add up to the variance.")
     return tuple(sentences)
@@ -263,8 +265,8 @@ def _effect(effect: Effect, study: ResolvedStudy) -> str:
 
 
 def _share(share: Share, of: str = "") -> str:
-    ends = f"{100 * share.low:.0f} … {100 * share.high:.0f}"
-    return minus(f"{100 * share.estimate:.0f} % ({ends}") + f"{of})"
+    estimate, low, high = (percent(end, 0) for end in (share.estimate, share.low, share.high))
+    return f"{estimate} % ({low} … {high}{of})"
 
 
 def _two_engines(known: TwoEngines, study: ResolvedStudy) -> tuple[str, ...]:

@@ -7,12 +7,13 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from scipy.stats import sobol_indices, uniform
+from scipy.stats import kurtosis, sobol_indices, uniform
+from scipy.stats import t as student
 
 from valerie.errors import InvalidInput
 from valerie.guided.cascade import Cascade
 from valerie.guided.domain import Cube
-from valerie.guided.rank import Rank, Ranking, indices
+from valerie.guided.rank import Rank, Ranking, indices, shares
 from valerie.guided.strategy import Strategy, Why, pursue
 from valerie.testing.strategies import StrategyContract
 
@@ -94,20 +95,49 @@ def test_shapley_effects_are_those_of_all_orders() -> None:
     assert estimates.sum() == pytest.approx(1, abs=3 / np.sqrt(3000))
 
 
-def test_the_indices_are_those_of_scipy() -> None:
-    rng = np.random.default_rng(0)
-    first, second = rng.random((2, 1024, 3))
+def blocks_of(score: Callable[[Points], Points], count: int) -> tuple[Points, Points]:
+    """Return the scores of blocks of three parameters, and their paths: the parameters in turn."""
+    first, second = np.random.default_rng(0).random((2, count, 3))
     mixed = np.where(np.eye(3, dtype=bool)[:, None], second, first)
-    table = np.column_stack([planted(first), planted(second), *map(planted, mixed)])
-    ours = indices(np.column_stack([table, table[:, 2]]), np.tile([0, 1, 2], (1024, 1)))
+    between = np.where([True, True, False], second, first)
+    return np.column_stack([score(first), score(second), *map(score, mixed), score(between)]), np.tile(
+        [0, 1, 2], (count, 1)
+    )
+
+
+def test_the_indices_are_those_of_scipy() -> None:
+    table, paths = blocks_of(planted, 1024)
+    ours = indices(table, paths)
     functions = {
         "f_A": table[:, 0][None],
         "f_B": table[:, 1][None],
-        "f_AB": table[:, 2:].T[:, None],
+        "f_AB": table[:, 2:5].T[:, None],
     }
     theirs = sobol_indices(func=functions, n=1024, dists=[uniform()] * 3)
     np.testing.assert_allclose(ours[0], theirs.first_order.ravel(), atol=0.03)
     np.testing.assert_allclose(ours[1], theirs.total_order.ravel(), atol=0.03)
+
+
+def test_intervals_are_those_of_a_jackknife() -> None:
+    """Against the definition: the indices without each block."""
+    table, paths = blocks_of(planted, 40)
+    without = np.array([indices(np.delete(table, i, 0), np.delete(paths, i, 0)) for i in range(40)])
+    known = shares(table, paths)
+    assert known is not None
+    for kind, (scale, lowest) in enumerate(((np.positive, -np.inf), (np.cbrt, 0), (np.positive, -np.inf))):
+        middle, others = scale(indices(table, paths)[kind]), scale(without[:, kind])
+        spread, degrees = np.sqrt(39 * others.var(axis=0)), 80 / (kurtosis(others, fisher=False) - 1)
+        for place, share in enumerate(of_group[kind] for of_group in known):
+            ends = middle[place] + np.array([-1, 1]) * student.ppf(0.975, min(degrees[place], 39)) * spread[place]
+            np.testing.assert_allclose(scale([share.low, share.high]), np.maximum(ends, lowest), atol=1e-9)
+
+
+def test_there_are_no_shares_if_one_block_decides_them() -> None:
+    table, paths = blocks_of(lambda points: np.ones(len(points)), 40)
+    table[7, 0] = 0
+    assert shares(table, paths) is None
+    table[8, 0] = 0
+    assert shares(table, paths) is not None
 
 
 def test_a_block_that_lacks_a_score_is_left_out_whole_and_many_are_refused() -> None:

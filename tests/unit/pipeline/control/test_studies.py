@@ -489,6 +489,16 @@ def test_rank_names_the_parameter_that_matters_first(pipeline: Pipeline) -> None
         assert low < estimate < high
 
 
+def test_rank_says_why_equal_scores_have_no_shares(pipeline: Pipeline) -> None:
+    known, _ = planted(pipeline, lambda x, y: np.full(len(x), 0.9), goal="rank")
+    result = known.result()
+    assert result is not None
+    assert (
+        result.sentences[-1]
+        == "Apart from at most one block, all scores are equal, so there are no shares of variance."
+    )
+
+
 def test_verify_bounds_the_mean_score_without_a_share(pipeline: Pipeline) -> None:
     known, _ = planted(pipeline, lambda x, y: np.full(len(x), 0.9), goal="verify")
     result = known.result()
