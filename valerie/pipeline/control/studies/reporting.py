@@ -157,7 +157,7 @@ def _differences(
             log.warning("study.picture", frame=str(keys[0]), error=str(error))
             continue
         pixels, gain = brightened_difference(*painted)
-        caption = f"Absolute difference of the failing and the passing picture, {gain:.3g} times as bright."
+        caption = f"Absolute difference of the failing and the passing picture, {gain:.3g} times as bright"
         yield ShownPicture(f"Difference, {name}", "", caption, " − ".join(map(str, keys)), jpeg(pixels))
 
 
