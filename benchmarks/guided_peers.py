@@ -48,7 +48,7 @@ REPLICATES: Final = 8
 MOST: Final = 2
 #: Blocks of the indices that count as true.
 REFERENCE: Final = 2**15
-#: Rows of SALib's design.
+#: Rows of SALib's designs.
 ROWS: Final = (64, 128)
 #: Failure rate of the planted scores whose parameters are ranked.
 RANKED_RATE: Final = 0.1

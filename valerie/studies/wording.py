@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from valerie.analysis.wording import counted, minus, percent
+from valerie.analysis.wording import counted, percent
 from valerie.guided.cascade import TwoEngines
 from valerie.guided.compare import Difference
 from valerie.guided.domain import shown
@@ -284,7 +284,7 @@ def _two_engines(known: TwoEngines, study: ResolvedStudy) -> tuple[str, ...]:
     cheap, costly = known.costs
     prices = f"A point costs {cheap:.3g} s of CPU time by the cheap and {costly:.3g} s by the costly engine"
     split = f": {known.ratio:.1f} cheap points for each costly one narrow the interval at the lowest price"
-    saved = f"The cheap engine takes {minus(f'{100 * known.saved:.0f}')} % off the variance that the costly points alone have."
+    saved = f"The cheap engine takes {percent(known.saved, 0)} % off the variance that the costly points alone have."
     return (
         f"The {what} by the costly engine is {estimate:.4f} ({low:.4f} … {high:.4f}, 95 % confidence): {known.method}.",
         f"{known.costly:,} costly and {known.cheap:,} cheap points; {correlation}.",

@@ -33,13 +33,12 @@ class Cover:
         )
         self.dry_color, self.dry_rough = (Term(nodes, source[part]) for part in dry)
         self.own_name, self.own = own, Term(nodes, source[own])
-        self._amount = nodes.add("ShaderNodeValue").outputs[0]
-        self.amount = Term(nodes, self._amount)
+        self.amount = Term(nodes, nodes.add("ShaderNodeValue").outputs[0])
         self.grain = Grain(nodes)
 
     def show(self, amount: float, pixel: float) -> None:
         """Set the amount, and a pixel's size at 1 m, in metres."""
-        self._amount.default_value = amount
+        self.amount.output.default_value = amount
         self.grain.pixel.default_value = pixel
 
     def change(self, *changed: Term) -> None:
